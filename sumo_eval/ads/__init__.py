@@ -1,6 +1,8 @@
 """Controllers that ship, one rule a file, and the parts that they are made of.
 
 Nothing here imports a simulator: a rule sees records of vehicles.
+
+The names in `_HOMES` are public: users import them from here. A name is imported at its first use.
 """
 
 from sumo_eval.first_use import first_use

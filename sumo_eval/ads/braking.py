@@ -1,9 +1,9 @@
 """Brakes in continuous time, for rules that are called once a step.
 
-A rule's braking is a path: a deceleration over time that may begin, rise, hold and end anywhere
-within a step. The vehicle model's brakes move to a commanded level at a finite rate, from the
-beginning of the step on, and then hold it. So the command is the level that takes off the right
-speed over the step, not the path's value at some instant of it.
+The braking that a rule intends is a path: a deceleration over time that may begin, rise, hold and
+end anywhere within a step. The vehicle model's brakes can do less: from the beginning of a step on
+they move to the commanded level at a finite rate, and then hold it. So the command is the level
+that takes off the same speed over the step as the path, not the path's value at some instant.
 
 Users: `ads/known_answers.py`, `ads/lane_changer.py`, `ads/pedals.py`, `ads/r157.py`,
 `ads/r157_careful_driver.py`.
@@ -15,22 +15,22 @@ from typing import Any, NamedTuple
 
 from sumo_eval.kernels import fields, flags, kernel
 
-_Demand = Callable[..., float]  # of a scene and a time; gives m/s2
+_Demand = Callable[..., float]  # (scene, s after now) -> demanded deceleration, m/s2; 0: none
 _HALVINGS = 20  # bisections that find an instant in a step: to 5e-8 s at 0.05 s
-# m/s2 by which a demand must change within a step to be looked at for a jump: 10 m/s3 at 0.05 s
+# m/s2 by which a demand must change within a step to count as a jump: 10 m/s3 at 0.05 s
 JUMP = 0.5
-# margin at both ends, as a share of an interval: an end may have the demand of the next one
+# share of an interval by which its ends are left out: at an end the demand may already have jumped
 _INSIDE = 1e-3
 
 BRAKE_PATH = fields("level", "brakes", "owed")
-"""The braking that a rule means, and the vehicle's own, which follows it; all 0 at the beginning.
+"""The braking that a rule intends, and the vehicle's own, which follows it; all 0 at the beginning.
 
-level: the meant deceleration, m/s2.
+level: intended deceleration, m/s2.
 brakes: the vehicle's deceleration, m/s2.
-owed: speed that the vehicle has yet to lose to be as slow as meant, m/s.
+owed: speed that the vehicle has yet to lose to be as slow as intended, m/s.
 """
 SAFETY_BRAKING = [("path", BRAKE_PATH), *fields("alarmed"), *flags("is_alarmed", "looks")]
-"""Brakes that follow a demand; all 0 at the beginning.
+"""Memory of `follow_demand`; all 0 at the beginning.
 
 alarmed: time of the first demand, s.
 is_alarmed: 1 once there was a demand.
@@ -52,7 +52,7 @@ class Braked(NamedTuple):
 @kernel
 def moved(level: float, target: float, rate: float, duration: float) -> Braked:
     """Braking for `duration` s that goes from `level` to `target` (m/s2) at `rate` (m/s3) and then
-    holds it.
+    stays at `target`.
     """
     change = target - level
     reach = rate * duration
@@ -67,7 +67,8 @@ def switched(level: float, target: float, wait: float, rate: float, step: float)
     """Command for a step, m/s2, that acts as if brakes left `level` for `target` only after `wait`.
 
     Brakes obey from the beginning of a step on. So a smaller change is commanded at once and held
-    to the end of the step. With `target` next, the speed taken off is as if they waited:
+    to the end of the step. If the next command is `target`, the speed taken off is the same as if
+    they had waited:
 
         change = j / 2 (h + b - sqrt((h + b)^2 - 4 b (h - wait))),  b = |target - level| / j
 
@@ -80,7 +81,7 @@ def switched(level: float, target: float, wait: float, rate: float, step: float)
         return level
     if wait <= 0.0:
         return target
-    longest = abs(target - level) / rate
+    longest = abs(target - level) / rate  # b: s that the whole change takes
     both = step + longest
     change = 0.5 * rate * (both - sqrt(both * both - 4.0 * longest * (step - wait)))
     return level + change if target > level else level - change
@@ -102,11 +103,11 @@ def mean_level(level: float, mean: float, rate: float, step: float) -> float:
 
 @kernel
 def released_level(level: float, lost: float, rate: float, step: float, most: float) -> float:
-    """Command for brakes at `level`, m/s2, that takes off `lost` m/s until they are released; up to
-    `most` m/s2.
+    """Command for brakes at `level`, m/s2, that takes off `lost` m/s until they are released; at
+    most `most` m/s2.
 
     They go at `rate` j to the commanded level c, hold it to the end of the step h, and then go to
-    0. Where they only open:
+    0 at the same rate. Where they only open:
 
         lost = level^2 / (2 j) + c (h - (level - c) / j)
 
@@ -117,7 +118,9 @@ def released_level(level: float, lost: float, rate: float, step: float, most: fl
     square = level * level / rate
     if lost > level * step + 0.5 * square:  # more than holding `level` and releasing takes off
         harder = (lost + 0.5 * square) / (step + level / rate)
-        return min(harder, level + rate * step, max(most, level))  # above `most`: stays there
+        # a level that is above `most` already stays where it is
+        return min(harder, level + rate * step, max(most, level))
+    # solution of the first equation, which is quadratic in c
     spare = step - level / rate
     inside = spare * spare + 4.0 * (lost - 0.5 * square) / rate
     command = 0.5 * rate * (sqrt(inside) - spare) if inside > 0.0 else 0.0
@@ -126,9 +129,12 @@ def released_level(level: float, lost: float, rate: float, step: float, most: fl
 
 @kernel
 def path_towards(path: Any, target: float, duration: float, rise: float, vehicle: Any) -> float:
-    """Speed lost, m/s, while the braking goes towards `target` m/s2 for `duration` s.
+    """Speed lost, m/s, while the intended braking goes towards `target` m/s2 for `duration` s.
 
-    It rises at `rise` m/s3, at most as fast as the brakes can, and falls as fast as they can.
+    It rises at `rise` m/s3, or as fast as the brakes can if that is less, and falls as fast as they
+    can. `path.level` becomes the braking at the end.
+
+    path: of `BRAKE_PATH`. vehicle: of a `SCENARIO` record.
     """
     fall = vehicle.brake_jerk
     braked = moved(path.level, target, min(rise, fall) if target > path.level else fall, duration)
@@ -140,11 +146,13 @@ def path_towards(path: Any, target: float, duration: float, rise: float, vehicle
 def path_command(
     path: Any, lost: float, releases: bool, brakes: Any, vehicle: Any, step: float
 ) -> float:
-    """Command for the vehicle, m/s2, where the coming step shall take off `lost` m/s.
+    """Command for the vehicle in the coming step, m/s2, if the intended braking takes off `lost`
+    m/s in it.
 
     Call once a step.
 
-    releases: whether the braking ends in this step, or has ended.
+    path: of `BRAKE_PATH`; `level` is the intended braking at the end of the step.
+    releases: whether the intended braking ends in this step, or has ended.
     brakes: limits of the rule: deceleration `braking`, m/s2, and its rise `jerk`, m/s3.
     """
     before, fall = path.brakes, vehicle.brake_jerk
@@ -155,6 +163,7 @@ def path_command(
     if brakes.jerk < fall:  # else the vehicle's brakes lag, and may exceed `braking` to catch up
         most = min(brakes.braking, most)
     if releases:
+        # speed to take off until the brakes are open, m/s: also while `level` goes to 0
         until_open = lost + path.owed + 0.5 * path.level * path.level / fall
         command = released_level(before, until_open, fall, step, most)
     else:
@@ -167,9 +176,10 @@ def path_command(
 
 @kernel
 def first_instant(demand: _Demand, scene: Any, above: float, begin: float, end: float) -> float:
-    """Instant within begin..end, s, at which a demand crosses `above`, upwards or downwards.
+    """Instant within begin..end, s, at which a demand crosses the limit `above`, m/s2, upwards or
+    downwards.
 
-    demand: called with the scene and a time; it is above `above` at one of both ends only.
+    demand: called with the scene and a time; at just one of both ends it is above the limit.
     """
     above_at_end = demand(scene, end) > above
     for _ in range(_HALVINGS):
@@ -183,11 +193,12 @@ def first_instant(demand: _Demand, scene: Any, above: float, begin: float, end: 
 
 @kernel
 def demand_jump(demand: _Demand, scene: Any, begin: float, end: float) -> float:
-    """Instant within begin..end, s, at which a demand that jumps there passes half of its change;
-    `end`, where it changes by less than `JUMP`.
+    """Instant within begin..end, s, at which a demand passes half of its change; `end` if it
+    changes by less than `JUMP`.
 
-    `path_along` takes the demand in the middle of an interval. That is exact to second order where
-    the demand is smooth, but only to first order where it jumps: there the interval is split.
+    It is for `path_along`, which takes the demand in the middle of an interval. That is exact to
+    second order where the demand is smooth, but only to first order where it jumps: there the
+    interval is split.
     """
     inside = _INSIDE * (end - begin)
     early, late = demand(scene, begin + inside), demand(scene, end - inside)
@@ -201,7 +212,9 @@ def path_along(
     path: Any, demand: _Demand, scene: Any, begin: float, end: float, brakes: Any,
     vehicle: Any,
 ) -> float:  # fmt: skip
-    """Speed lost, m/s, while the braking follows the demand from `begin` to `end`, s after now."""
+    """Speed lost, m/s, while the intended braking follows the demand from `begin` to `end`, s after
+    now.
+    """
     jump = demand_jump(demand, scene, begin, end)
     lost = 0.0
     for first, last in ((begin, jump), (jump, end)):
@@ -217,31 +230,19 @@ def follow_demand(
 ) -> float:
     """Command for the vehicle in the coming step, m/s2. Call once a step.
 
-    The first demand is looked for half a step ago, where speeds that follow from positions are
-    known. If it came with a jump, it is taken to have begun a step ago. The response time passes
-    once: after an alarm the rule stays alert.
+    The brakes act once a response time has passed since the first demand. It passes only once:
+    after an alarm the rule stays alert.
 
     braking: memory, `SAFETY_BRAKING`.
-    demand: called with the scene and a time after now, s; gives the deceleration that is demanded
-        then, as far as it can be foreseen, m/s2, or 0. Times are from -1.5 steps to 1 step.
+    demand: called with the scene and a time after now, s, from -1.5 steps to 1 step; gives the
+        deceleration that is demanded then, as far as it can be foreseen, m/s2, or 0.
     time: now, s.
     brakes: they act `response` s after the first demand, rise at `jerk`, m/s3, up to `braking`,
         m/s2.
     """
     path, jerk = braking.path, brakes.jerk
     vehicle, step = scenario.vehicle, scenario.step
-    if braking.looks == 0:
-        if demand(scene, 0.0) > 0.0:
-            braking.is_alarmed = 1
-            braking.alarmed = time
-    elif braking.is_alarmed == 0 and demand(scene, -0.5 * step) > 0.0:
-        began = -step  # a jump
-        earlier = -1.5 * step if braking.looks > 1 else -step
-        if not demand(scene, earlier) > 0.0:
-            began = first_instant(demand, scene, 0.0, earlier, -0.5 * step)
-        braking.is_alarmed = 1
-        braking.alarmed = time + began
-    braking.looks += 1
+    _look_for_demand(braking, demand, scene, time, step)
     wait = max(braking.alarmed + brakes.response - time, 0.0) if braking.is_alarmed else inf
     if wait >= step:
         return path_command(
@@ -250,7 +251,8 @@ def follow_demand(
     before, after = demand(scene, wait) > 0.0, demand(scene, step) > 0.0
     change = step if before == after else first_instant(demand, scene, 0.0, wait, step)
     lost = 0.0
-    # the parts of the step: reaction, up to a change of demand, rest; and whether it then brakes
+    # parts of the step: (begin, end, whether the rule brakes): the rest of the response time, up to
+    # a change of demand, after it
     for begin, end, brakes_then in (
         (0.0, wait, False),
         (wait, change, before),
@@ -261,3 +263,25 @@ def follow_demand(
         elif end > begin:
             lost += path_towards(path, 0.0, end - begin, jerk, vehicle)
     return path_command(path, lost, not after, brakes, vehicle, step)
+
+
+@kernel
+def _look_for_demand(braking: Any, demand: _Demand, scene: Any, time: float, step: float) -> None:
+    """Write the time of the first demand to `braking`, once there is a demand.
+
+    It is looked for half a step ago: speeds that follow from two positions belong to that instant.
+    A demand that, as seen now, was there at the last look already came with a jump: it is taken to
+    have begun a step ago.
+    """
+    if braking.looks == 0:
+        if demand(scene, 0.0) > 0.0:
+            braking.is_alarmed = 1
+            braking.alarmed = time
+    elif braking.is_alarmed == 0 and demand(scene, -0.5 * step) > 0.0:
+        began = -step  # s from now
+        earlier = -1.5 * step if braking.looks > 1 else -step
+        if not demand(scene, earlier) > 0.0:
+            began = first_instant(demand, scene, 0.0, earlier, -0.5 * step)
+        braking.is_alarmed = 1
+        braking.alarmed = time + began
+    braking.looks += 1

@@ -29,10 +29,10 @@ from sumo_eval.kernels import fields, flags, kernel
 from sumo_eval.scenario.concrete import LEAST_CHANGE
 
 EXPONENT = 4.0  # delta of the free-road term (Treiber, Hennecke, Helbing 2000)
-COOLNESS = 0.99  # c (Kesting, Treiber, Helbing 2010)
+COOLNESS = 0.99  # c of the enhanced IDM (Kesting, Treiber, Helbing 2010)
 # s, time constant in which an accepted short headway grows back (Schakel et al. 2012, LMRS)
 HEADWAY_RECOVERY = 25.0
-# m, least gap to divide by: here the models ask for more than any brake can give
+# m, least gap to divide by: at such a gap the models ask for more than any brake can give
 MIN_GAP = 0.1
 MIN_SPEED = 0.1  # m/s, least speed to divide by
 
@@ -59,8 +59,8 @@ class IdmParameters:
 
     @classmethod
     def of(cls, given: IdmParameters | Mapping[str, float] | None) -> IdmParameters:
-        """The parameters that an ADS is given: ready ones, a table of an evaluation file, or None
-        for the defaults.
+        """The parameters of an ADS, from ready ones, a table of an evaluation file, or None for the
+        defaults.
         """
         return given if isinstance(given, IdmParameters) else cls(**(given or {}))
 
@@ -193,11 +193,15 @@ def enhanced_idm_acceleration(
 ) -> float:
     """Enhanced IDM ("ACC model"), m/s2: brakes at most about b harder than the gap needs.
 
-    i = improved IDM, h = constant-speed heuristic (CAH behind a lead that brakes with
-    `lead_braking`, m/s2).
-    i if i >= h, else (1 - c) i + c (h + b tanh((i - h) / b)), c = 0.99.
-    The IDM brakes at its limit when it finds itself close behind a lead of its own speed; people do
-    not.
+    i = improved IDM; h = constant-speed heuristic, or, behind a lead that brakes with
+    `lead_braking`, m/s2, the constant-acceleration heuristic (CAH).
+
+        i >= h: i
+        i < h:  (1 - c) i + c (h + b tanh((i - h) / b)), c = 0.99
+
+    The plain IDM brakes at its limit when it is suddenly close behind a lead of its own speed;
+    people do not.
+
     Source: Kesting, Treiber, Helbing, Phil. Trans. R. Soc. A 368, 4585 (2010).
     """
     plain = improved_idm_acceleration(speed, desired_speed, gap, lead_speed, idm, headway)
@@ -214,8 +218,8 @@ def enhanced_idm_acceleration(
 FOLLOWED = fields("accepted", "gap")
 """A follower's memory of each vehicle.
 
-accepted: headway accepted behind it, s; nan: it was no lead yet.
-gap: bumper gap in this step, m.
+accepted: headway accepted behind it, s; nan: it has not been a lead yet.
+gap: bumper gap to it in this step, m.
 """
 
 
@@ -225,9 +229,11 @@ def follow(followed: Any, me: Any, lead: Any, desired_speed: float, idm: Any, st
 
     Call it once in each step for each lead, with `followed.gap` set.
 
-    A follower that finds a lead closer than its own headway T accepts that headway at first, and
-    lets it grow back to T: dT'/dt = (T - T') / 25 s. Source: Schakel, Knoop, van Arem, Transp. Res.
-    Rec. 2316 (2012), LMRS.
+    A follower with a lead closer than its own headway T accepts the shorter headway T' at first,
+    and lets it grow back to T: dT'/dt = (T - T') / 25 s. Source: Schakel, Knoop, van Arem, Transp.
+    Res. Rec. 2316 (2012), LMRS.
+
+    followed: memory of the lead, of `FOLLOWED`.
     """
     own, accepted, gap = idm.headway, followed.accepted, followed.gap
     if isnan(accepted):
@@ -242,17 +248,18 @@ def follow(followed: Any, me: Any, lead: Any, desired_speed: float, idm: Any, st
 def change_as_asked(
     path: Any, way: Any, me: Any, others: Any, desired_speed: float, idm: Any, scenario: Any
 ) -> float:
-    """Largest acceleration of an ego that has to change lanes, m/s2; may write the change to
-    `path`.
+    """Largest acceleration of an ego that has to change lanes, m/s2; begins the change in `path`
+    where `asked_change` allows it.
 
-    It follows, by the IDM, the vehicle behind which it will be in the other lane. Until the change
-    has begun it brakes for that vehicle only comfortably (b). It waits before the end of its lane.
+    The ego follows, by the IDM, the vehicle behind which it will be in the other lane. Until the
+    change has begun it brakes for that vehicle only comfortably (b). It waits before the end of its
+    lane.
     """
     changing = change_if_free(path, way, me, others, scenario)
     most = inf  # no limit yet
     lead, _ = beside(way, me, others, scenario)
     gap = bumper_gap(me, others[lead]) if lead >= 0 and me.x >= way.begin else 0.0
-    if gap > 0.0:  # not one alongside: there is no gap to keep
+    if gap > 0.0:  # a vehicle alongside leaves no gap to keep
         most = idm_acceleration(me.speed, desired_speed, gap, others[lead].along, idm)
         if not changing:
             most = max(most, -idm.deceleration)
@@ -264,12 +271,15 @@ def change_as_asked(
 
 
 PARAMETERS = fields("headway", "standstill_gap", "acceleration", "deceleration")
+"""`IdmParameters` as a record, for kernels."""
 
 
 @kernel
 def idm(ego: Any, others: Any, own: Any, watched: Any, others_then: Any, scenario: Any) -> None:
-    """Acceleration and steering wheel angle, decided once a cycle: a vehicle entering the path
-    becomes the lead at the next cycle.
+    """Write acceleration and steering wheel angle of the ego, decided once a cycle: a vehicle that
+    enters the path becomes the lead at the next cycle.
+
+    The arguments are those of every rule (`cosim.compiled.each_row`).
     """
     me = ego.seen
     if own.steps == 0:
@@ -287,7 +297,10 @@ def _decide(
 ) -> tuple[float, float]:
     """Acceleration, m/s2, and steering wheel angle, rad, for a cycle: the IDM, along the path.
 
-    With `watches`, a road user that comes into the path is the lead, where it is nearer.
+    With the parameter `watches`, a road user that comes into the path is the lead if it is nearer
+    than the vehicle in the path.
+
+    scenario: the `SCENARIO` record whose step is a cycle.
     """
     lead, p = lead_in_path(me, others), own.p.idm
     if own.p.watches:
@@ -305,8 +318,8 @@ def _decide(
         watched[j].last_speed = nan if isnan(others[j].x) else others[j].along
     strongest = scenario.vehicle.max_deceleration
     now = max(idm_acceleration(me.speed, own.desired_speed, gap, lead_speed, p), -strongest)
-    # Midpoint rule: move both with `now` and `-braking` to the middle of the cycle; what the
-    # formula asks for there serves as the mean over the cycle.
+    # Midpoint rule: move the ego with `now` and the lead with `-braking` to the middle of the
+    # cycle. The acceleration that the formula gives there serves as the mean over the cycle.
     half = 0.5 * scenario.step
     gap = gap + (lead_speed - me.speed) * half - 0.5 * (braking + now) * half * half
     speed = max(me.speed + now * half, 0.0)
@@ -354,10 +367,11 @@ class Attentive(Idm):
     """ADS `attentive`: the IDM that also brakes for road users about to enter its path, above all
     for pedestrians who cross the road.
 
-    A road user ahead that moves towards the path, even behind something nearer, is the lead as soon
-    as it and the ego would be in the same place within a second of each other
-    (`perception.coming_into_path`); one that crosses in time before or behind the ego is ignored. A
-    baseline of this project; no regulation names one for pedestrians.
+    A road user ahead that moves towards the path becomes the lead as soon as it and the ego would
+    be in the same place within a second of each other (`perception.coming_into_path`). It is seen
+    even if a nearer vehicle hides up to half of it. A road user that crosses in time before or
+    behind the ego is ignored. This baseline is the project's own: no regulation names one for
+    pedestrians.
     """
 
     watches = True

@@ -8,7 +8,7 @@ at which that vehicle reaches 0.30 m into the lane, is above
 
 So it may respond after 0.1 s, build its braking up over tau (s) and brake with a (m/s2). With
 standing or unbelted passengers a and tau are smaller. Source: Annex III, cut-in (the German AFGBV,
-Annex 1, has the same). Everything else is as in `reg157`.
+Annex 1, has the same). The rule itself is that of `ads/reg157.py`, with these numbers.
 
 Users: `extras/studies/qualification/regulations.py`.
 """
@@ -27,7 +27,7 @@ class Eu20221426(Reg157):
     """ADS `eu_2022_1426`: brakes with 6 m/s2, built up over 0.3 s, and responds after 0.1 s."""
 
     brakes = SEATED
-    margin: float = 0.0  # s, as in `reg157`: it brakes at the last moment
+    margin: float = 0.0  # s, added to the critical TTC: it brakes at the last moment
 
 
 class Eu20221426Bus(Eu20221426):

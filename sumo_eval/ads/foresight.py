@@ -1,10 +1,12 @@
 """Knowledge of the ideal vehicle of Eq. 17 before a case begins: which vehicles it would touch, and
-from when on it can know this. User: `ads/known_answers.py`.
+from when on it can know this.
 
-Times of sight come from the scripts of the other vehicles, in continuous time, so that they do not
-depend on the simulation's step. A lively actor (`Actor.lively`) reacts to others, so no script
-says where it is: it is interpolated between steps. Contact is looked for from step to step, as in a
-drive, and clearances are checked every `_LOOK` s.
+Times of sight come from the scripts of the actors, in continuous time, so that they do not depend
+on the simulation's step. The motion of a lively actor (`Actor.lively`) has no closed form: it is
+interpolated between steps. Contact is looked for from step to step, as in a drive. Clearances are
+checked every `_LOOK` s.
+
+Users: `ads/known_answers.py`.
 """
 
 from __future__ import annotations
@@ -32,8 +34,8 @@ from sumo_eval.trajectory import FloatArray
 
 # s, headway to a vehicle ahead in the lane that is entered: the minimum of UN R157 from 60 km/h on
 FOLLOWING_GAP = 1.6
-# s between two looks, for clearances and for a first sight, whose instant is then bisected; a
-# vehicle of 40 m/s moves 2 m in it
+# s between two looks at clearances, and between two looks for a first sight, whose instant is then
+# bisected; a vehicle of 40 m/s moves 2 m in this time
 _LOOK = 0.05
 _HALVINGS = 30  # of `_LOOK`: to 5e-11 s
 _AHEAD = 0.01  # m of road over which the direction of the ego's lane change is computed
@@ -44,17 +46,17 @@ _CURVE = 1.0
 
 
 _Moving = Callable[[float], "_Shape"]
-"""A moving body: gives its shape at a time, s."""
+"""A moving body: time, s -> its shape then."""
 
 
 class Foresight(NamedTuple):
-    """Knowledge of one other vehicle.
+    """Knowledge of one actor.
 
-    noticed: when it is first seen after its state has begun to change, s; inf where it never is.
+    noticed: when it is first seen after its motion has begun to change, s; inf: never.
     meets: whether an ego that keeps its speed would touch it.
-    speed: its lowest speed along the road in the case, m/s; 0 if the ego has to change lane and it
-        comes from behind.
-    hidden: whether a nearer vehicle hides it when its state begins to change.
+    speed: its lowest speed along the road in the case, m/s; 0 if the ego has to change lane and the
+        actor comes from behind.
+    hidden: whether a nearer vehicle hides it when its motion begins to change.
     """
 
     noticed: float
@@ -68,36 +70,43 @@ def foresee(concrete: ConcreteScenario, settings: SimulationSettings) -> tuple[F
 
     settings: those of the case, its ego's body among them.
 
-    Actors move as they do while the ego keeps its speed; one with a SUMO model is
-    taken to keep its speed.
+    Actors move as they do while the ego keeps its speed; an actor with a SUMO model is assumed to
+    keep its speed.
     """
     ego, vehicle, step = concrete.ego, settings.vehicle, settings.step
     until = _end_at_its_speed(concrete, settings)
     undisturbed = tracks([concrete], [(vehicle.length, vehicle.width)], step, until)
-    tracks_ahead = [
+    foreseen = [
         _Foreseen(actor, step, rows)
         for actor, rows in zip(concrete.actors, undisturbed.others[0], strict=True)
     ]
     foresights = []
-    for track, first_move in zip(tracks_ahead, undisturbed.begins[0].tolist(), strict=True):
+    for track, first_move in zip(foreseen, undisturbed.begins[0].tolist(), strict=True):
         actor = track.actor
         ahead = actor.start.x > ego.x
-        slower = actor.start.speed * cos(actor.heading) < ego.speed
-        # whether it starts with its body in a path that the ego drives
-        lanes = [ego.y] if ego.way is None else [ego.y, ego.y + ego.way.offset]
-        on_the_way = 2.0 * min(abs(actor.start.y - y) for y in lanes) < actor.width + vehicle.width
-        caught_up = ahead and slower and on_the_way
-        # a slower one ahead is a hazard from the start, and so is one whose motion never changes
-        changes = 0.0 if caught_up or isinf(first_move) else first_move
-        others = [other.shape for other in tracks_ahead if other is not track]
+        # a slower actor in the ego's path is a hazard from the start, and so is an actor whose
+        # motion never changes
+        at_once = isinf(first_move) or _is_caught_up(ego, actor, vehicle)
+        changes = 0.0 if at_once else first_move
+        others = [other.shape for other in foreseen if other is not track]
         noticed = first_sight(ego, settings, track.shape, others, changes, until)
-        # one with a SUMO model, from behind, brakes for an ego that keeps its speed
+        # an actor from behind, with a SUMO model, brakes for an ego that keeps its speed
         yields = actor.model is not None and not ahead
         meets = not yields and _meets(ego, vehicle, track, until, concrete.road.line)
-        # an ego that has to change lane waits for one from behind, as if that stood still
+        # an ego that has to change lane waits for an actor from behind, as if that stood still
         speed = 0.0 if ego.way is not None and not ahead else track.slowest
         foresights.append(Foresight(noticed, meets, speed, hidden=noticed > changes))
     return tuple(foresights)
+
+
+def _is_caught_up(ego: Start, actor: Actor, vehicle: VehicleSettings) -> bool:
+    """Whether an actor starts ahead, slower than the ego, with its body in a lane that the ego
+    drives in.
+    """
+    lanes = [ego.y] if ego.way is None else [ego.y, ego.y + ego.way.offset]
+    in_a_lane = 2.0 * min(abs(actor.start.y - y) for y in lanes) < actor.width + vehicle.width
+    slower = actor.start.speed * cos(actor.heading) < ego.speed
+    return actor.start.x > ego.x and slower and in_a_lane
 
 
 def evasion(
@@ -112,21 +121,25 @@ def evasion(
 
     It steers where all of this holds:
 
-    - The ideal vehicle may steer (`ideal_steers`), has a lane on its left, and no actor is lively.
-    - A vehicle without acts that it would touch is hidden by a nearer one at first.
-    - Braking with `deceleration` (m/s2) from then on hits it.
-    - A lane change from then on at its speed, as quick as those of the synthetic drivers, is clear
-      of every vehicle to the end: 0.3 m across or, along the road, `FOLLOWING_GAP` to one ahead and
-      2 m to one behind. To the vehicle that it goes round, any gap along the road is enough.
+    - The ideal vehicle may steer (`ideal_steers`), has a lane on its left, and the scenario is not
+      `lively`.
+    - It would touch an actor without acts that a nearer vehicle hides at first.
+    - Braking with `deceleration` (m/s2) from the first sight of that actor on would not avoid it.
+    - A lane change from the first sight on, at the ego's speed and as quick as an emergency change
+      of the synthetic drivers, is clear of every actor to the end: 0.3 m across or, along the road,
+      `FOLLOWING_GAP` to an actor ahead and 2 m to an actor behind. To the actor that it goes round,
+      any gap along the road is enough.
 
     settings: those of the case.
+    known: of each actor.
     """
     ego, road, vehicle = concrete.ego, concrete.road, settings.vehicle
     speed, grip = ego.speed, vehicle.friction * GRAVITY
     deceleration = min(deceleration, grip)
     lane = lane_at(road, ego.y)
-    # the centre of lane 0 is y = 0; any length above 0 will do, as it is a divisor
+    # its length, a divisor, must be above 0
     straight = road.lane_width * lane, 0.0, 0.0, 1.0
+    # actor -> time of its first sight, s
     suddenly_seen = {
         actor: foresight.noticed for actor, foresight in zip(concrete.actors, known, strict=True)
         if foresight.meets and foresight.hidden and isfinite(foresight.noticed)
@@ -135,6 +148,7 @@ def evasion(
     if not settings.ideal_steers or concrete.lively or lane + 1 == road.lanes or not suddenly_seen:
         return straight
     begin = min(suddenly_seen.values())
+    # x of the ego then, m, and s until its brakes are at the full deceleration
     begin_x, build_up = ego.x + speed * begin, deceleration / vehicle.brake_jerk
     brakes_in_time = all(
         ideal_impact_speed(
@@ -154,7 +168,8 @@ def evasion(
         along = abs(actor.x(time) - x) - 0.5 * (vehicle.length + actor.length)
         across = abs(actor.y(time) - y) - 0.5 * (vehicle.width + actor.width)
         goes_round, is_ahead = actor in suddenly_seen, actor.x(time) > x
-        if time < begin:  # still in its lane, where it would brake for a vehicle that is too near
+        # before the lane change only an actor ahead matters, for which the ego would brake
+        if time < begin:
             if goes_round or not is_ahead or across >= 0.0:
                 return True
             return along >= safe_gap(speed, actor.speed(time), deceleration, build_up)
@@ -162,11 +177,11 @@ def evasion(
         return across >= CLEARANCE or along >= (0.0 if goes_round else least)
 
     times = np.arange(0.0, _end_at_its_speed(concrete, settings), _LOOK)
-    places = steered.x_after(speed * times)
-    way = zip(times.tolist(), places.tolist(), steered.y_at(places).tolist(), strict=True)
-    if not all(clear(actor, *at) for at in way for actor in concrete.actors):
+    x = steered.x_after(speed * times)
+    looks = zip(times.tolist(), x.tolist(), steered.y_at(x).tolist(), strict=True)
+    if not all(clear(actor, *look) for look in looks for actor in concrete.actors):
         return straight
-    return straight[0], road.lane_width, begin_x, length
+    return road.lane_width * lane, road.lane_width, begin_x, length
 
 
 def _end_at_its_speed(concrete: ConcreteScenario, settings: SimulationSettings) -> float:
@@ -177,7 +192,7 @@ def _end_at_its_speed(concrete: ConcreteScenario, settings: SimulationSettings) 
 
 
 class _Foreseen(NamedTuple):
-    """Another vehicle as it moves while the ego keeps its speed.
+    """An actor as it moves while the ego keeps its speed.
 
     step: s between two rows.
     rows: x, y, heading, speed and speed across its body at every step, (at least 2, 5), as in
@@ -194,16 +209,16 @@ class _Foreseen(NamedTuple):
         return Body._make([*row[:4], actor.length, actor.width, row[4]])
 
     def shape(self, time: float) -> _Shape:
-        """Its shape at any time, s; a lively vehicle is interpolated between two steps."""
+        """Its shape at any time, s; a lively actor is interpolated between two steps."""
         actor = self.actor
         if actor.lively:
             rows = self.rows
-            at = min(max(time / self.step, 0.0), len(rows) - 1.0)
+            at = min(max(time / self.step, 0.0), len(rows) - 1.0)  # number of a row, with fraction
             k = min(int(at), len(rows) - 2)
             between = rows[k] + (at - k) * (rows[k + 1] - rows[k])
             x, y, heading = between[:3].tolist()
         else:
-            # a sliding body keeps its heading
+            # a sliding body keeps its heading: its lateral speed does not turn it
             across = 0.0 if actor.slides else actor.lateral_speed(time)
             x, y = actor.x(time), actor.y(time)
             heading = atan2(across, actor.speed(time)) if across else 0.0
@@ -211,10 +226,10 @@ class _Foreseen(NamedTuple):
 
     @property
     def slowest(self) -> float:
-        """Its lowest speed along the road, m/s; of one whose script brakes it, 0: it may stop."""
+        """Its lowest speed along the road, m/s; 0 of an actor that brakes to a standstill."""
         if not self.actor.lively:
             return self.actor.start.speed if self.actor.braking is None else 0.0
-        heading, speed, across = self.rows[:, 2:].T
+        heading, speed, across = self.rows[:, 2:].T  # without x and y
         along = speed * np.cos(heading) - across * np.sin(heading)
         return max(float(along.min()), 0.0)
 
@@ -222,8 +237,9 @@ class _Foreseen(NamedTuple):
 def _meets(
     ego: Start, vehicle: VehicleSettings, track: _Foreseen, until: float, line: Line
 ) -> bool:
-    """Whether an ego that keeps its speed and its lane touches another vehicle.
+    """Whether an ego that keeps its speed along its path touches an actor.
 
+    until: end of the case, s.
     line: that the road follows; empty: it is straight.
     """
     rows, step = track.rows, track.step
@@ -234,9 +250,10 @@ def _meets(
         vehicle.length + vehicle.width + track.actor.length + track.actor.width
     ) + farthest_in(step)
     reach += _CURVE if line else 0.0
-    places = ego.x_after(ego.speed * times)
-    near = np.abs(rows[:, 0] - places) < reach
-    near &= np.abs(rows[:, 1] - ego.y_at(places)) < reach
+    ego_x = ego.x_after(ego.speed * times)
+    x, y, *_ = rows.T
+    near = (np.abs(x - ego_x) < reach) & (np.abs(y - ego.y_at(ego_x)) < reach)
+    # steps at whose start and end they are near
     for k in np.flatnonzero(near[:-1] & near[1:]).tolist():
         time, later = k * step, (k + 1) * step
         if time < until and share_at_touch(
@@ -255,11 +272,13 @@ def first_sight(
     time: float,
     until: float,
 ) -> float:
-    """The first instant from `time` on at which a vehicle is not hidden, s; inf where it stays
-    hidden until `until`.
+    """The first instant from `time` on at which a vehicle is not hidden, s; inf if it stays hidden
+    until `until`.
 
-    It is hidden while a nearer one covers so much of its width that less than `ideal_visible_share`
-    shows; the ego keeps its speed.
+    It is hidden while a nearer vehicle covers so much of its width that less than the share
+    `ideal_visible_share` of it shows. The ego keeps its speed.
+
+    watched: the vehicle. others: those that may hide it.
     """
 
     def hidden(when: float) -> bool:
@@ -284,23 +303,25 @@ def first_sight(
 def _hides(
     ego: Start, settings: SimulationSettings, nearer: _Shape, farther: _Shape, time: float
 ) -> bool:
-    """Whether one vehicle hides a farther one from the ego, as for the baselines
-    (`perception.is_in_sight`). One that reaches the farther one's rear no longer hides it, so that
-    a collision of both is seen, also where a script drives one through the other.
+    """Whether a nearer vehicle hides a farther one from the ego, as for the baselines
+    (`perception.is_in_sight`).
+
+    It hides nothing once it reaches the rear of the farther vehicle: so a collision of both is
+    seen, even where a script drives one through the other.
     """
     eye = float(ego.x_after(ego.speed * time))
     if not eye < nearer.x < farther.x - nearer.half_length - farther.half_length:
         return False
     eye_y = float(ego.y_at(eye))
-    # distance of the nearer vehicle as a share of that of the farther one; 1 for a vehicle in the
-    # ego's lane, to which lines of sight are parallel, while all others begin at the eye
+    # where the nearer vehicle is on the way from the eye to the farther one, 0..1, if lines of
+    # sight begin at the eye; 1: they are parallel, as towards a vehicle in the ego's lane
     in_the_way = abs(farther.y - eye_y) < farther.half_width + 0.5 * settings.vehicle.width
     share = 1.0 if in_the_way else (nearer.x - eye) / (farther.x - eye)
     return covers(nearer, eye_y, farther, share, 1.0 - settings.ideal_visible_share)
 
 
 class _Shape(NamedTuple):
-    """Centre of a (turned) body, and half its extents along and across the road, m."""
+    """Centre of a body, and half its extents along and across the road, as it is turned, m."""
 
     x: float
     y: float
@@ -309,26 +330,30 @@ class _Shape(NamedTuple):
 
 
 def _ego_body(ego: Start, vehicle: VehicleSettings, time: float, line: Line) -> Body:
-    """The ego's body on the map.
+    """The ego's body on the map, if it keeps its speed, at a time, s.
 
-    Where it steers, its rear axle follows the path, and the body points along it. The body is then
-    larger by `_TRACKING_ERROR` on each side, so that a near miss counts as contact.
+    Where the ego steers, its rear axle follows the path, and the body points along the path there.
+    In a lane change the body is larger by `_TRACKING_ERROR` on each side, so that a near miss
+    counts as contact.
     """
     room = 2.0 * _TRACKING_ERROR if ego.way is not None else 0.0
-    # m from the centre back to the point that follows the path: the rear axle. On a straight path
-    # 0: half a wheelbase less and again more would round x.
-    half = 0.5 * vehicle.wheelbase if line or ego.way is not None else 0.0
-    x = float(ego.x_after(ego.speed * time - half))
+    # m from the rear axle to the centre. On a straight path 0, as the centre follows the path as
+    # well: subtracting half a wheelbase and adding it again would round x.
+    to_centre = 0.5 * vehicle.wheelbase if line or ego.way is not None else 0.0
+    x = float(ego.x_after(ego.speed * time - to_centre))
     y, next_y = ego.y_at([x, x + _AHEAD]).tolist()
-    heading = atan2(next_y - y, _AHEAD)  # slope over `_AHEAD`
+    heading = atan2(next_y - y, _AHEAD)
+    # the body as if its centre were at the rear axle
     axle = _on_the_map(
         Body(x, y, heading, ego.speed, vehicle.length + room, vehicle.width + room), line
     )
-    return axle._replace(x=axle.x + half * cos(axle.heading), y=axle.y + half * sin(axle.heading))
+    return axle._replace(
+        x=axle.x + to_centre * cos(axle.heading), y=axle.y + to_centre * sin(axle.heading)
+    )
 
 
 def _on_the_map(body: Body, line: Line) -> Body:
-    """A body that is given along and across a road."""
+    """A body along and across a road, turned into a body on the map."""
     if not line:
         return body
     x, y, heading = map_places(line, body.x, body.y, body.heading)

@@ -75,8 +75,8 @@ def critical_fuzzy_safety(
     closing = speed - other_speed
     if closing <= 0.0:
         return 0.0
-    bounded = max(acceleration, -COMFORTABLE)
-    later = speed + bounded * REACTION
+    bounded = max(acceleration, -COMFORTABLE)  # a'
+    later = speed + bounded * REACTION  # u2
     if later <= other_speed:
         distance = closing * closing / (2.0 * abs(acceleration if as_coded else bounded))
         return 1.0 if gap < distance else 0.0
@@ -122,7 +122,10 @@ def considered(me: Any, other: Any, lateral_closing: float) -> bool:
 
 @kernel
 def fuzzy_braking(me: Any, other: Any, p: Any, scenario: Any) -> float:
-    """Deceleration that an actor demands, m/s2. p: parameters of `FuzzySafetyModel`."""
+    """Deceleration that an actor demands, m/s2.
+
+    me, other: the ego and the actor, as `MOVER`s. p: parameters of `FuzzySafetyModel`.
+    """
     if not considered(me, other, closing_across(me, other)):
         return 0.0
     gap = bumper_gap(me, other)

@@ -1,8 +1,8 @@
-"""ADSs whose result is known in closed form: one that does nothing, and the ideal vehicle of Eq.
+"""ADSs whose result is known in closed form: an ADS that does nothing, and the ideal vehicle of Eq.
 17. `record/` drives both in every concrete scenario, for U0 and Ug.
 
-The kernels take what `cosim.compiled.each_row` hands to a rule. In a `MOVER`, x is the position and
-`along` the speed, both along the road.
+The kernels take the arguments of every rule (`cosim.compiled.each_row`). In a `MOVER`, x is the
+position and `along` the speed, both along the road.
 """
 
 from collections.abc import Sequence
@@ -48,21 +48,23 @@ class NoReaction(Compiled):
 
 
 no_reaction = NoReaction()
-"""ADS `no_reaction`, ready-made: it holds nothing of a case."""
+"""ADS `no_reaction`, one object for all cases: it has no memory."""
 
 # m; allowance for a vehicle that is turning into the lane: once it is straight, its body reaches
 # further along the road
 _TURNED = 0.2
 _KNOWN = fields(*Foresight._fields)
-"""Fields of a record of a `Foresight`: what is known of one actor."""
+"""A `Foresight` as a record, for kernels; its flags are 0.0 or 1.0."""
 
 
 @kernel
 def is_too_close_to_hider(
     me: Any, others: Any, watched: Any, p: Any, scenario: Any, time: float
 ) -> bool:
-    """Whether a vehicle that the ego would touch is still hidden, and the gap to the lead vehicle,
+    """Whether an actor that the ego would touch is still hidden, and the gap to the lead vehicle,
     which may hide it, is not safe.
+
+    p: parameters of `IdealBraking`. Other arguments as in `full_braking`.
     """
     lead = lead_in_path(me, others)
     if lead < 0:
@@ -82,23 +84,25 @@ def full_braking(me: Any, others: Any, watched: Any, p: Any, scenario: Any, time
     """Acceleration, m/s2: full braking from the instant within the step at which an actor first
     calls for it.
 
-    Before that the ego brakes fully, too, where it is too close to a vehicle that hides another.
+    Before that instant the ego brakes fully, too, where it is too close to a vehicle that hides
+    another.
 
-    watched: a `Foresight` of each actor, its flags as 0 or 1.
+    watched: a `_KNOWN` of each actor.
+    time: now, s.
     """
     level = p.deceleration if is_too_close_to_hider(me, others, watched, p, scenario, time) else 0.0
-    first_noticed = inf  # of the vehicles that the ego would touch
+    first_noticed = inf  # time of the first sight of an actor that the ego would touch, s
     for j in range(len(others)):
         if watched[j].meets > 0.0:
             first_noticed = min(first_noticed, watched[j].noticed)
-    begins = inf
+    begins = inf  # time of the first call for braking, s
     for j in range(len(others)):
         other, known = others[j], watched[j]
         # an actor ahead, in the ego's path, that the ego comes nearer to
         closes = other.x > me.x and me.along > other.along and lateral_overlap(me, other) > 0.0
         calls = closes and time > first_noticed
         if known.meets > 0.0:
-            is_faster = me.along > known.speed  # than its lowest speed in the case
+            is_faster = me.along > known.speed  # than the actor's lowest speed in the case
             alongside = abs(other.x - me.x) < me.half_length + other.half_length + _TURNED
             calls = calls or is_faster or alongside
         if calls:
@@ -112,9 +116,9 @@ def full_braking(me: Any, others: Any, watched: Any, p: Any, scenario: Any, time
 def ideal_braking(
     ego: Any, others: Any, own: Any, watched: Any, others_then: Any, scenario: Any
 ) -> None:
-    """`full_braking`, or at a constant speed the lane change that `evasion` found.
+    """Full braking, or, at a constant speed, the lane change of `foresight.evasion`.
 
-    It counts as settled in every step, as it never accelerates again.
+    The ego counts as settled in every step, as it never accelerates again.
     """
     me, command, time = ego.seen, ego.command, ego.time
     shared = scenario[0]
@@ -133,33 +137,37 @@ class IdealBraking(Compiled):
     """ADS `ideal_braking`, the reference Ug of Eq. 17: perfect perception, immediate braking at the
     road's limit.
 
-    It knows what the actors will do (`foresight`). It keeps its speed where that causes no contact:
-    braking could only cause one.
+    It knows what the actors will do (`ads/foresight.py`). It keeps its speed where that causes no
+    contact: braking could only cause one.
 
-    Where it would touch a vehicle, it brakes as hard as the road allows, from the first change of
-    that vehicle's state that it can see. It brakes as long as it is alongside that vehicle or
-    faster than the vehicle's lowest speed in the case; it never speeds up again. From the first
-    change on it also brakes while it closes on any vehicle in its path: `foresight` supposes an ego
-    of constant speed, and one that has braked meets vehicles that it would have passed.
+    Where it would touch an actor, it brakes as hard as the road allows, from the first change of
+    that actor's motion that it can see. It brakes as long as it is alongside that actor or faster
+    than the actor's lowest speed in the case; it never speeds up again. From the first change on it
+    also brakes while it closes on any vehicle in its path: the foresight is for an ego of constant
+    speed, and an ego that has braked meets vehicles that it would have passed.
 
-    It does not know what a lead vehicle hides. So it keeps a safe distance to that vehicle
-    (`safe_gap`, with its own brakes and the time that they need): while it is nearer it brakes
+    It does not know what a lead vehicle hides. So it keeps a safe distance to the lead vehicle
+    (`safe_gap`, with its own brakes and the time that they need): while it is nearer, it brakes
     fully. Otherwise an ADS that opens such a gap at once, as `idm` does, would be slower when the
-    hidden vehicle shows.
+    hidden vehicle comes in sight.
 
-    Where the hidden vehicle shows so late that no braking stops short of it, it steers round it, if
-    the lane on the left is certainly free (`evasion`): `lane_changer` would, and no ADS may have
-    a smaller U than the reference.
+    Where the hidden vehicle comes in sight so late that no braking stops short of it, the ideal
+    vehicle steers round it, if the lane on the left is certainly free (`foresight.evasion`). The
+    ADS `lane_changer` would, and no ADS may have a smaller U than the reference.
 
-    The pressure build-up is the vehicle model's (`VehicleSettings.brake_build_up`, 0.15 s), if
-    `deceleration` is the strongest that the vehicle has. So its impact speed behind a vehicle
+    The brake pressure builds up as in the vehicle model (`VehicleSettings.brake_build_up`, 0.15 s),
+    if `deceleration` is the strongest that the vehicle has. So its impact speed behind a vehicle
     that it sees from the start is `criticality.ideal_impact_speed(..., deceleration=deceleration,
     delay=0, build_up=0.15)`.
+
+    deceleration: at which it brakes, m/s2.
     """
 
     loop = each_row(ideal_braking)
     memory, watched = [("path", PATH), *fields("curvature")], _KNOWN
-    """path: to the lane on the left, if it steers. curvature: of its present steering, 1/m."""
+    """path: to the lane on the left, if it steers. curvature: of its present steering, 1/m.
+    watched: `_KNOWN` of each actor.
+    """
     numbers = fields("deceleration")
 
     def __init__(self, deceleration: float = 9.0) -> None:
@@ -174,8 +182,8 @@ class IdealBraking(Compiled):
 
     @classmethod
     def arrays(cls, together: Sequence[Any], scenario: Records, others: int) -> tuple[Records, ...]:
-        """Always an error: this rule needs `foreseeing`, which the loop calls for this class alone,
-        not for its subclasses.
+        """Always an error: this rule needs `foreseeing`, which the loop calls instead of `arrays`
+        for this class, but not for its subclasses.
         """
         raise ControllerError(
             "The ideal vehicle must know the scripts of the actors; only `ideal_braking` does"

@@ -1,8 +1,8 @@
 """Paths across the road over x, and the steering that follows them.
 
-A path is a function of the position along the road, not of time: a vehicle that brakes during its
-lane change needs no sharper curve, and the place where it is clear of the lead vehicle stays where
-it was planned.
+A path is a function of the position along the road, not of time. So a vehicle that brakes during
+its lane change needs no sharper curve, and the place where it is clear of the lead vehicle stays
+where it was planned.
 
 Users: `ads/`, `drivers/`.
 """
@@ -18,11 +18,11 @@ from sumo_eval.scenario.motion import quintic, quintic_bend, quintic_rate
 
 PEAK_BEND = 10.0 / sqrt(3.0)  # largest second derivative of the smooth step
 RATE = 1.0  # w of `steering`, 1/s: how fast an error decays
-SLOW = 8.0  # m/s; below it an error decays by distance, RATE / SLOW per metre
+SLOW = 8.0  # m/s; at a lower speed an error decays with distance, at RATE / SLOW per metre
 
 PATH = fields("start", "offset", "begin", "length")
-"""A path: a lane's centre line at y = `start`, m; from x = `begin`, m, a smooth step by `offset` m
-to the left, `length` m of road long."""
+"""A path: the parallel to the road at y = `start`, m; from x = `begin`, m, on a smooth step by
+`offset` m to the left, `length` m of road long; then the parallel there. Offset 0: no step."""
 
 
 @kernel
@@ -56,17 +56,17 @@ def path_at(path: Any, x: float) -> tuple[float, float, float]:
 
 @kernel
 def keep_lane(path: Any, me: Any, road: Any) -> None:
-    """Make the path the centre line of the lane that the ego is in."""
+    """Write to `path` the centre line of the lane that the ego is in."""
     path.start = road.lane_width * lane_at(road, me.y)
     path.offset, path.begin, path.length = 0.0, 0.0, 1.0
 
 
 @kernel
 def curvature_kept(path: Any, me: Any) -> float:
-    """Curvature at the start of a path, 1/m: of the parallel to the road's line.
+    """Curvature at the start of a path, 1/m: that of the parallel to the road's line.
 
-    A drive begins with the steering wheel turned for it. With a straight wheel the ego would leave
-    the path in its first step, further the longer the step is.
+    A drive begins with the steering wheel turned for this curvature. With a straight wheel the ego
+    would leave the path in its first step, further the longer the step is.
     """
     line = line_curvature(me)
     return float(line / (1.0 - line * path.start))
@@ -90,22 +90,24 @@ def steering(
 ) -> float:
     """Steering wheel angle, rad, that keeps a kinematic single-track vehicle on a path.
 
-    The rear axle is led along y(x) (the centre then runs on it as well, up to wheelbase^2/8 times
-    the curvature):
+    The rear axle follows the path y(x); the centre then follows it as well, up to wheelbase^2 / 8
+    times the curvature. The curvature to steer, kappa, and the angle:
 
-    kappa = kappa_path + (w/v)^2 e_y + 2 (w/v) e_psi,   steering = ratio * atan(wheelbase * kappa)
+        kappa = kappa_path + (w / v)^2 e_y + 2 (w / v) e_psi
+        angle = ratio * atan(wheelbase * kappa)
 
-    kappa_path = y'' / (1 + y'^2)^(3/2); e_y = path_y - y, e_psi = atan(y') - heading, both at the
-    rear axle at the end of the coming step, predicted with the present curvature. The feedback is
-    critically damped with the rate w = `RATE`, per second. Below `SLOW` the rate w/v, per metre, no
-    longer grows, so that a stopping vehicle does not turn its wheel without end.
+    kappa_path = y'' / (1 + y'^2)^(3/2). The errors e_y = path_y - y and e_psi = atan(y') - heading
+    are those of the rear axle at the end of the coming step, predicted with the present curvature.
+    The feedback is critically damped with the rate w = `RATE`, per second. Below the speed `SLOW`
+    the rate w / v, per metre, no longer grows, so that a stopping vehicle does not turn its wheel
+    without end.
 
     On a curved road the path is y(x) in the road's frame. The curvature of the parallel to the
     road's line through the path's point is added. Single-track model: Rajamani, Vehicle Dynamics
     and Control (2012), ch. 2.
 
-    memory: holds the present `curvature`, 1/m; receives the new one.
-    path_y and the two arguments after it: the values of `path_at` at `rear_axle_next`.
+    memory: its `curvature` is the present one, 1/m, and becomes the new one.
+    path_y and the next two arguments: the values of `path_at` at `rear_axle_next`.
     """
     memory.curvature = steered(memory.curvature, me, path_y, slope, bend, scenario)
     return float(
@@ -115,13 +117,14 @@ def steering(
 
 @kernel
 def steered(now: float, me: Any, path_y: float, slope: float, bend: float, scenario: Any) -> float:
-    """The curvature, 1/m, that `steering` steers next.
+    """The curvature, 1/m, that `steering` steers next; arguments as there.
 
     now: the present curvature, 1/m.
     """
     half = 0.5 * scenario.vehicle.wheelbase  # m from the centre to the rear axle
     ahead = me.speed * scenario.step  # m in the coming step
-    per_metre = RATE / max(me.speed, SLOW)  # w/v
+    per_metre = RATE / max(me.speed, SLOW)  # w / v
+    # y and heading: of the rear axle at the end of the step; wanted: heading of the path there, rad
     if me.curvature == 0.0:  # a straight road
         mean_heading = me.heading + 0.5 * ahead * now
         y = me.y - half * sin(me.heading) + ahead * sin(mean_heading)
@@ -130,15 +133,7 @@ def steered(now: float, me: Any, path_y: float, slope: float, bend: float, scena
         beside = 0.0  # curvature of the road's parallel at the path, 1/m
     else:
         line = line_curvature(me)
-        # from the centre back to the rear axle
-        left, turn = beside_an_arc(me.curvature, -half * cos(me.heading), -half * sin(me.heading))
-        y, heading = me.y + left, me.heading - turn
-        # the rear axle's motion in the coming step
-        mean_heading = heading + 0.5 * ahead * now
-        left, turn = beside_an_arc(
-            line / (1.0 - line * y), ahead * cos(mean_heading), ahead * sin(mean_heading)
-        )
-        y, heading = y + left, heading + ahead * now - turn
+        y, heading = _rear_axle_on_a_curve(now, me, line, half, ahead)
         stretched = 1.0 / (1.0 - line * path_y)  # metres of the line for each metre of the path
         wanted, beside = atan(slope * stretched), line * stretched
         bend = bend * stretched * stretched
@@ -152,14 +147,34 @@ def steered(now: float, me: Any, path_y: float, slope: float, bend: float, scena
 
 
 @kernel
+def _rear_axle_on_a_curve(
+    now: float, me: Any, line: float, half: float, ahead: float
+) -> tuple[float, float]:
+    """y, m, and heading, rad, of the rear axle at the end of the coming step, on a curved road.
+
+    now, line: present curvature of the vehicle's motion, and that of the road's line, 1/m.
+    half: from the centre to the rear axle, m. ahead: distance of the step, m.
+    """
+    # from the centre back to the rear axle
+    left, turn = beside_an_arc(me.curvature, -half * cos(me.heading), -half * sin(me.heading))
+    y, heading = me.y + left, me.heading - turn
+    # the rear axle's motion in the coming step
+    mean_heading = heading + 0.5 * ahead * now
+    left, turn = beside_an_arc(
+        line / (1.0 - line * y), ahead * cos(mean_heading), ahead * sin(mean_heading)
+    )
+    return y + left, heading + ahead * now - turn
+
+
+@kernel
 def beside_an_arc(curvature: float, ahead: float, left: float) -> tuple[float, float]:
-    """End of a straight move from a point of an arc: m to the arc's left, and the turn, rad, of
-    the arc up to there:
+    """End of a straight move that starts on an arc, seen from the arc: distance to its left, m, and
+    by how much the arc has turned beside the end, rad:
 
         (2 l - k (a^2 + l^2)) / (1 + sqrt(1 + k^2 (a^2 + l^2) - 2 k l)),  atan2(k a, 1 - k l)
 
     curvature: k, of the arc, 1/m.
-    ahead, left: a and l, of the move, m, along the arc where it starts and to the left of that.
+    ahead, left: a and l, the move in the arc's direction at its start, and to the left of that, m.
     """
     square = ahead * ahead + left * left
     root = sqrt(max(1.0 + curvature * (curvature * square - 2.0 * left), 0.0))
@@ -173,7 +188,8 @@ def lane_kept(ego: Any, scenario: Any) -> float:
     """Steering wheel angle, rad, for rules that decide on the pedals alone.
 
     The ego follows `ego.way` (see `cosim.records`): the parallel to the road's line on which it
-    began, and the lane change that it has to make. On a straight road without one the angle is 0.
+    began, and the lane change that it has to make. On a straight road without a lane change the
+    angle is 0.
     """
     if scenario.road.bent == 0 and ego.way.asked == 0:
         return 0.0
@@ -185,7 +201,7 @@ def lane_kept(ego: Any, scenario: Any) -> float:
     return float(vehicle.steering_ratio * atan(vehicle.wheelbase * curvature))
 
 
-@functools.cache  # all drivers of a population ask for the same share
+@functools.cache  # every driver of a population calls it with the same share
 def share_of_duration(done: float) -> float:
     """The share of a lane change's duration, 0..1, after which the share `done` of its offset,
     0..1, is covered.

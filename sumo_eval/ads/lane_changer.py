@@ -1,5 +1,11 @@
 """The ADS `lane_changer`: keeps its speed and overtakes a slower vehicle smoothly when it pays,
 else follows.
+
+It decides once a cycle, but a lane change or a jump of the wanted acceleration may come at any
+instant of the cycle. So the rule evaluates its decision (`overtaking.overtake`) at several instants
+of the coming cycle: each try works on copies (`tried`, `then`, `others_then`), and one of them
+becomes `decided`. The kernels pass one tuple `scene`: (me, own, watched, others_then, way,
+scenario), see `wanted_at`.
 """
 
 import math
@@ -24,7 +30,7 @@ SMOOTH = OvertakingHabits(inclined=True, onset_headway=2.5, onset_ttc=10.0, dura
 
 @kernel
 def _copy_decision(to: Any, source: Any) -> None:
-    """Copy a record of `OVERTAKING`, except the fields that hold for one step alone."""
+    """Copy a record of `OVERTAKING`, except `desired_speed` and `free`, which are of one step."""
     path, copied = source.path, to.path
     copied.start, copied.offset = path.start, path.offset
     copied.begin, copied.length = path.begin, path.length
@@ -34,12 +40,9 @@ def _copy_decision(to: Any, source: Any) -> None:
 
 @kernel
 def _foresee_ego(then: Any, me: Any, acceleration: float, time: float) -> None:
-    """Write into `then` the ego `time` s from now, if it continues with an acceleration, m/s2.
-
-    `along` and `across` are speeds, m/s; it does not roll back.
-    """
+    """Write into `then` the ego `time` s from now, if it continues with an acceleration, m/s2."""
     take(then, me)
-    gained = max(acceleration * time, -me.along)
+    gained = max(acceleration * time, -me.along)  # m/s; it does not roll back
     then.x, then.y = me.x + (me.along + 0.5 * gained) * time, me.y + me.across * time
     then.along, then.speed = me.along + gained, max(me.speed + gained, 0.0)
 
@@ -49,8 +52,8 @@ def wanted_at(scene: Any, after: float) -> float:
     """Acceleration wanted `after` s from now, if all continue as now, m/s2; writes the decision at
     that instant into `own.tried`.
 
-    scene: me, the ego; own, the rule's memory; watched, its memory of each actor; others_then,
-        scratch records for the foreseen actors; way, the requested lane change; scenario, the
+    scene: (me, own, watched, others_then, way, scenario): the ego; the rule's memory; its memory of
+        each actor; scratch records for the foreseen actors; the requested lane change; the
         `SCENARIO` record whose step is a cycle.
     """
     me, own, watched = scene[:3]
@@ -59,16 +62,10 @@ def wanted_at(scene: Any, after: float) -> float:
     for j in range(len(others_then)):
         known = watched[j]
         foresee(others_then[j], known.sighting, after, scenario.step)
-        # each try starts from the headways decided before and expects no actor to brake (0)
+        # each try starts from the headways that were decided, and expects no actor to brake
         others_then[j].braking = 0.0
         known.accepted = known.kept
-    # here `leads` says whether the actor is seen at all; `overtake` writes it again
-    for j in range(len(others_then)):
-        watched[j].leads = 1 if is_visible(own.then, others_then, j, 0.0) else 0
-    # hidden actors are removed once all have been looked for, as they hide others
-    for j in range(len(others_then)):
-        if watched[j].leads == 0:
-            others_then[j].x = math.nan
+    _remove_hidden(own.then, others_then, watched)
     _copy_decision(own.tried, own.decided)
     tried = own.tried
     tried.desired_speed = own.desired_speed
@@ -77,15 +74,29 @@ def wanted_at(scene: Any, after: float) -> float:
 
 
 @kernel
+def _remove_hidden(me: Any, others: Any, watched: Any) -> None:
+    """Make x nan of the actors that the ego does not see."""
+    # `leads` holds here whether the actor is seen; `overtake` writes it again. An actor is removed
+    # only after all have been looked for, as a hidden actor may hide another.
+    for j in range(len(others)):
+        watched[j].leads = 1 if is_visible(me, others, j, 0.0) else 0
+    for j in range(len(others)):
+        if watched[j].leads == 0:
+            others[j].x = math.nan
+
+
+@kernel
 def _changes_at(scene: Any, after: float) -> float:
-    """1 if it would be changing lane `after` s from now, else 0."""
+    """1 if the ego would be changing lane `after` s from now, else 0."""
     wanted_at(scene, after)
-    return float(scene[1].tried.changing)
+    own = scene[1]
+    return float(own.tried.changing)
 
 
 @kernel
 def _decide_at(scene: Any, after: float) -> float:
-    """Decide as if it were `after` s from now; the acceleration wanted then, m/s2.
+    """Make the decision of the instant `after` s from now the decision of the rule; returns the
+    acceleration wanted then, m/s2.
 
     Call once a cycle.
     """
@@ -103,7 +114,7 @@ def _split_at(scene: Any, step: float) -> float:
     acceleration jumps; `step`: neither.
     """
     own = scene[1]
-    # `wanted_at` also writes `own.tried`, so it stands first
+    # the order matters: `wanted_at` also writes `own.tried`, which is read after it
     now, changes_now = wanted_at(scene, 0.0), own.tried.changing
     end, changes = wanted_at(scene, step), own.tried.changing
     if changes_now != own.decided.changing:
@@ -125,14 +136,14 @@ def _decide(scene: Any) -> float:
     me, own, scenario = scene[0], scene[1], scene[5]
     step, vehicle = scenario.step, scenario.vehicle
     split = _split_at(scene, step)
-    gained, rest = 0.0, step  # m/s so far; s of the cycle that are left
+    gained, rest = 0.0, step  # speed gained so far, m/s; rest of the cycle, s
     if split >= step:
         wanted = _decide_at(scene, 0.5 * step)
     else:
         if split > 0.0:
             before = max(wanted_at(scene, 0.5 * split), -vehicle.max_deceleration)
             gained, rest = gained_towards(own.pedals, before, split, vehicle), step - split
-        _decide_at(scene, split)  # what it decides there holds for the rest of the cycle
+        _decide_at(scene, split)  # this decision holds for the rest of the cycle
         wanted = wanted_at(scene, 0.5 * (split + step))
     gained += gained_towards(own.pedals, max(wanted, -vehicle.max_deceleration), rest, vehicle)
     return pedal_command(own.pedals, me.speed, gained, vehicle, step)
@@ -142,13 +153,13 @@ def _decide(scene: Any) -> float:
 def lane_changer(
     ego: Any, others: Any, own: Any, watched: Any, others_then: Any, scenario: Any
 ) -> None:
-    """Acceleration and steering wheel angle: decide once a cycle, then steer along the path decided
-    on.
+    """Write acceleration and steering wheel angle of the ego: the acceleration is decided once a
+    cycle, the steering follows the decided path in every step.
 
     While passing, the rule may brake in every other cycle: once clear of the lead it stops
     following and speeds up, which may make it less than clear.
 
-    scenario: two records; the step of the first is the simulation's, of the second a cycle.
+    scenario: two records; the step of the first is the simulation's, that of the second a cycle.
     """
     me = ego.seen
     if own.steps == 0:
@@ -163,14 +174,14 @@ def lane_changer(
 
 
 class LaneChanger(Compiled):
-    """Overtakes a lead at least 2 m/s slower than the ego at the start: one smooth lane change;
-    it stays left.
+    """ADS `lane_changer`: overtakes a lead that is at least 2 m/s slower than the ego was at the
+    start, by one smooth lane change, and stays in the left lane.
 
-    It begins at 10 s TTC or 2.5 s headway (the medians of recorded drivers, DLR-HT 2024) and takes
-    8 s, or the time that is left to be clear of the lead, but not less than a lateral acceleration
-    of 2 m/s2 allows (3.2 s). In danger, where braking alone would need over 80 % of the brakes,
-    it allows 4 m/s2 across (2.25 s). The left lane must be free: see
-    `sumo_eval.ads.overtaking`. If it cannot change, it follows by the enhanced IDM. It sees a
+    The change begins at 10 s TTC or 2.5 s headway (the medians of recorded drivers, DLR-HT 2024).
+    It takes 8 s, or less where the ego would not be clear of the lead in time, but not less than a
+    lateral acceleration of 2 m/s2 allows (3.2 s). In danger, where braking alone would need over
+    80 % of the brakes, it allows 4 m/s2 across (2.25 s). The left lane must be free: see
+    `sumo_eval.ads.overtaking`. An ego that cannot change follows by the enhanced IDM. It sees a
     hidden vehicle once nothing covers any of it.
     """
 
@@ -179,14 +190,15 @@ class LaneChanger(Compiled):
         ("decided", OVERTAKING), ("tried", OVERTAKING), ("pedals", PEDALS), ("then", MOVER),
         *fields("desired_speed", "commanded"), *flags("steps"),
     ]  # fmt: skip
-    """decided: what it does.
-    tried: what it would do at an instant of the cycle.
+    """decided: its decision, by which it drives.
+    tried: its decision at some instant of the cycle.
     then: the ego at that instant, as foreseen.
+    desired_speed: speed at the start, m/s.
     commanded: acceleration in this cycle, m/s2.
-    steps: number driven so far.
+    steps: number of steps so far.
     """
     watched: ClassVar = [*WATCHED, *fields("kept"), *SIGHTED]
-    """`WATCHED`: what `tried` knows of an actor; kept: headway that `decided` accepts, s."""
+    """`WATCHED`: memory of an actor for `tried`. kept: headway that `decided` accepts, s."""
     numbers: ClassVar = [("idm", PARAMETERS), ("habits", HABITS)]
 
     def __init__(

@@ -1,9 +1,13 @@
 """The decision to change to the left lane instead of following, and how quickly: for `lane_changer`
-and the human drivers.
+and the synthetic drivers.
 
-A vehicle is in the ego's way if, at the present speeds, the ego's path overlaps it where the ego
-reaches it. That one rule serves for keeping the lane, for passing the old lead during a change, and
-for the lead behind which it ends.
+A vehicle is in the ego's way (a lead) if, at the present speeds, the ego's path overlaps the
+vehicle where the ego reaches it. The same rule serves before a lane change, during it for the
+vehicle that is overtaken, and after it for the lead in the new lane.
+
+Arguments of most kernels here: memory, of `OVERTAKING`; me and others, the ego and the vehicles
+that it knows, as `MOVER`s; watched, its memory of each vehicle, of `WATCHED`; habits, of `HABITS`;
+scenario, a `SCENARIO` record.
 
 Users: `ads/foresight.py`, `ads/lane_changer.py`, `drivers/synthetic/driver.py`,
 `drivers/synthetic/population.py`.
@@ -12,6 +16,13 @@ Users: `ads/foresight.py`, `ads/lane_changer.py`, `drivers/synthetic/driver.py`,
 from math import inf, isfinite
 from typing import Any
 
+from sumo_eval.ads.asked_change import (
+    COMFORTABLE_LATERAL,
+    HEADWAY,
+    REAR_DELAY,
+    SIDE_CLEARANCE,
+    closes_by,
+)
 from sumo_eval.ads.car_following import FOLLOWED, change_as_asked, follow
 from sumo_eval.ads.lane_change import (
     PATH,
@@ -28,35 +39,30 @@ from sumo_eval.frozen import frozen
 from sumo_eval.kernels import fields, flags, kernel
 from sumo_eval.scenario.concrete import lane_at
 
-# m, free space across the road when the ego's front comes level with the lead's rear
+# m, least free space across the road when the ego's front comes level with the lead's rear
 CLEARANCE = 0.3
 AT_EASE = 0.6  # m, free space across beyond which a vehicle ahead needs no more attention
-# m, on each side of the body, in the strip of the other lane that must be free
-SIDE_CLEARANCE = 0.2
-COMFORTABLE_LATERAL = 2.0  # m/s2, peak of a quick but ordinary lane change: 3.2 s for 3.5 m
+
 # m/s2, peak of an evasion that ordinary drivers still master: 2.25 s for 3.5 m
 EMERGENCY_LATERAL = 4.0
 # share of the strongest braking; an ego that needs more does not rely on braking alone
 EMERGENCY_BRAKING = 0.8
 EMERGENCY_GAP = 2.0  # m left to a vehicle in the other lane after an evasion
-# m/s; an ego speeds up only if it would also pass clear when faster by this
+# m/s: an ego speeds up only if it would pass clear even when faster by this
 SPEED_RESERVE = 1.0
 BRAKE_BUILD_UP = 0.1  # s, in which the gap closes before brakes hold
 LEAST_LENGTH = 20.0  # m for a lane change at a crawl: a fifth of a car's largest curvature
 # s before the left lane ends, or a line begins that must not be crossed: no lane change begins
 # later
 END_AHEAD = 10.0
-LEAST_SPEED = 2.0  # m/s, an ego does not overtake from a slower roll
+LEAST_SPEED = 2.0  # m/s; a slower ego does not overtake
 COMES_TOWARDS = 1.0  # m/s against the ego's direction, above which a vehicle is oncoming
-# s, shortest headway accepted behind the vehicle in the other lane (LMRS: 0.56 s)
-AHEAD_HEADWAY = 0.6
 
-# UN R79, 5.6.4.7 (lane change, ACSF C): a vehicle from behind in the other lane need not brake
-# harder than 3 m/s2, beginning 0.4 s after the ego's side has come to the line between the lanes,
-# to keep a headway of 1 s.
-REAR_DECELERATION = 3.0  # m/s2
-REAR_DELAY = 0.4  # s
-REAR_HEADWAY = 1.0  # s, at the ego's speed: the vehicle behind has braked down to it by then
+# s, at the ego's speed, to which the vehicle behind has braked down by then. UN R79, 5.6.4.7 (lane
+# change, ACSF C): to keep this headway, that vehicle need not brake harder than
+# `REAR_DECELERATION`, beginning `REAR_DELAY` after the ego's side has come to the line between the
+# lanes.
+REAR_HEADWAY = 1.0
 
 
 @frozen
@@ -64,9 +70,10 @@ class OvertakingHabits:
     """Conditions under which an ego overtakes.
 
     inclined: whether it overtakes at all when not in danger.
-    onset_headway, onset_ttc: s, the change begins at the first of the two.
-    duration: s, of the whole smooth step if it is not in a hurry.
-    worth: m/s by which the lead must be slower than the ego was at the start.
+    onset_headway, onset_ttc: headway and TTC, s; the change begins when the first of both is
+        reached.
+    duration: of a lane change that need not be quicker, s.
+    worth: speed by which the lead must be slower than the ego was at the start, m/s.
     """
 
     inclined: bool
@@ -87,6 +94,7 @@ class OvertakingHabits:
 
 
 HABITS = [*fields("onset_headway", "onset_ttc", "duration", "worth"), *flags("inclined")]
+"""`OvertakingHabits` as a record, for kernels."""
 OVERTAKING = [
     ("path", PATH),
     *fields("cruising_speed", "curvature", "desired_speed", "free"),
@@ -94,7 +102,7 @@ OVERTAKING = [
 ]
 """Memory of a case.
 
-path: where to drive.
+path: the ego's path, which it steers along.
 cruising_speed: speed at the start of the case, m/s.
 curvature: of the road beside the path's lane, 1/m, as `curvature_kept` has it.
 desired_speed: of this step, m/s.
@@ -115,17 +123,15 @@ leads: 1 if the vehicle is in the ego's way in this step.
 def overtake(
     memory: Any, me: Any, others: Any, watched: Any, p: Any, way: Any, scenario: Any
 ) -> float:
-    """Acceleration wanted in this step, m/s2; may begin the lane change, which then shows in
+    """Acceleration wanted in this step, m/s2; may begin the lane change, which then is in
     `memory.path`.
 
-    Follows what is in the way, or changes once and for good to the lane on the left of its first
-    one. An ego that has to change lanes (`way`) does that and never overtakes.
+    The ego follows what is in the way, or changes once and for good to the lane on the left of its
+    first lane. An ego that has to change lanes (`way`) does that and never overtakes.
 
-    memory: of `OVERTAKING`, with the desired speed and the free acceleration of this step.
-    me: the ego. others: the vehicles that it knows, watched: its memory of each (`WATCHED`).
+    memory: with the desired speed and the free acceleration of this step.
     p: parameters: `idm` and `habits`.
     way: the lane change that the scenario asks of the ego.
-    scenario: road, vehicle and step.
     """
     habits = p.habits
     if memory.began == 0:
@@ -133,7 +139,7 @@ def overtake(
         memory.cruising_speed = me.speed
         keep_lane(memory.path, me, scenario.road)
         memory.curvature = curvature_kept(memory.path, me)
-    allowed = inf  # strongest acceleration during the asked lane change, m/s2
+    allowed = inf  # strongest acceleration during the requested lane change, m/s2
     if way.asked:
         allowed = change_as_asked(
             memory.path, way, me, others, memory.desired_speed, p.idm, scenario
@@ -147,7 +153,7 @@ def overtake(
         if (emergency or (pays and near)) and _begins(
             memory, me, others, watched, emergency, habits, scenario
         ):
-            # other vehicles are in the way on the new path
+            # on the new path other vehicles are in the way
             _find_leads(memory, me, others, watched, scenario)
         # it will overtake but is not near enough yet: until then it does not follow
         elif (
@@ -162,25 +168,34 @@ def overtake(
         if known.leads:
             follows = follow(known, me, others[j], memory.desired_speed, p.idm, scenario.step)
             wanted = min(wanted, follows)
+    if _passes_too_near(memory, me, others, scenario) and wanted > 0.0:
+        return 0.0
+    return wanted
+
+
+@kernel
+def _passes_too_near(memory: Any, me: Any, others: Any, scenario: Any) -> bool:
+    """Whether an ego that changes lane would be too near to a vehicle that it passes, if it were
+    faster by `SPEED_RESERVE`. Also writes `memory.passing`.
+    """
     memory.passing = 0
+    too_near = False
     if memory.changing:
-        would_clip = False  # whether it would be too near to one, `SPEED_RESERVE` faster
         for j in range(len(others)):
             if _still_ahead(memory, me, others[j], scenario):
                 memory.passing = 1
-                would_clip = would_clip or _in_the_way(
+                too_near = too_near or _in_the_way(
                     memory, me, others[j], scenario, SPEED_RESERVE, CLEARANCE
                 )
-        if would_clip and wanted > 0.0:
-            return 0.0
-    return wanted
+    return too_near
 
 
 @kernel
 def _has_left_lane(memory: Any, me: Any, road: Any) -> bool:
     """Whether there is a lane on the left that the ego can change to here.
 
-    On a shaped road the outermost lanes may open, end, or be parted from their neighbours.
+    On a shaped road the outermost lanes may open, end, or be a ramp behind a line that must not be
+    crossed (parted).
     """
     lane = lane_at(road, memory.path.start)
     if lane + 1 >= road.lanes:
@@ -198,10 +213,10 @@ def _has_left_lane(memory: Any, me: Any, road: Any) -> bool:
 
 @kernel
 def _comes_towards(others: Any, watched: Any) -> bool:
-    """Whether something in the way comes towards the ego.
+    """Whether a vehicle in the way comes towards the ego.
 
-    The ego does not overtake that, nor evade it to the left, which is that vehicle's own side and
-    where it will go back to.
+    The ego does not overtake such a vehicle, and does not evade it to the left: that is the
+    vehicle's own side of the road, to which it will return.
     """
     for j in range(len(others)):  # noqa: SIM110 - kernels have no generators
         if watched[j].leads and others[j].along < -COMES_TOWARDS:
@@ -213,11 +228,10 @@ def _comes_towards(others: Any, watched: Any) -> bool:
 def _in_the_way(
     memory: Any, me: Any, other: Any, scenario: Any, faster: float, clearance: float
 ) -> bool:
-    """Whether the ego would be too near, across the road, to a vehicle that it reaches.
+    """Whether the ego would be too near, across the road, to a vehicle when it reaches it; False of
+    a vehicle whose centre is not ahead of the ego's.
 
-    False of a vehicle whose centre is not ahead of the ego's.
-
-    faster: m/s, added to the ego's speed.
+    faster: speed to add to the ego's, m/s.
     clearance: least free space across, m.
     """
     if not other.x > me.x:
@@ -225,10 +239,11 @@ def _in_the_way(
     path = memory.path
     speed = me.along + faster
     closing = speed - other.along
-    y = path.start + path.offset  # the path's end, if the ego never reaches the vehicle
+    # y of the path, m, where the ego reaches the vehicle; if it never does, at the path's end
+    y = path.start + path.offset
     if closing > 0.0:
         y = path_y(path, me.x + speed * max(bumper_gap(me, other), 0.0) / closing)
-    off_path = me.y - path_y(path, me.x)  # m, assumed to stay the same
+    off_path = me.y - path_y(path, me.x)  # m to the left of the path, assumed to stay the same
     return bool(
         abs(y + off_path - other.y) < 0.5 * scenario.vehicle.width + other.half_width + clearance
     )
@@ -236,7 +251,7 @@ def _in_the_way(
 
 @kernel
 def _find_leads(memory: Any, me: Any, others: Any, watched: Any, scenario: Any) -> int:
-    """Mark the vehicles that are in the way; return the index of the nearest, -1: none."""
+    """Mark the vehicles in the way (`leads`); return the index of the nearest, -1: none."""
     nearest = -1
     for j in range(len(others)):
         known = watched[j]
@@ -252,7 +267,7 @@ def _find_leads(memory: Any, me: Any, others: Any, watched: Any, scenario: Any) 
 
 @kernel
 def _is_emergency(watched: Any, vehicle: Any) -> bool:
-    """Whether braking alone is not enough for a vehicle in the way."""
+    """Whether some vehicle in the way needs more braking than `EMERGENCY_BRAKING` allows."""
     for j in range(len(watched)):
         if (
             watched[j].leads
@@ -281,7 +296,7 @@ def _begins(
 
 @kernel
 def _pays(memory: Any, lead: Any, habits: Any) -> bool:
-    """Whether the ego overtakes, and the lead is slow enough to be worth it."""
+    """Whether the ego is inclined to overtake, and the lead is slow enough to be worth it."""
     return bool(habits.inclined and memory.cruising_speed - lead.along >= habits.worth)
 
 
@@ -289,16 +304,18 @@ def _pays(memory: Any, lead: Any, habits: Any) -> bool:
 def _is_time(me: Any, lead: Any, habits: Any) -> bool:
     """Whether the lead is near enough to begin the change, by headway or TTC.
 
-    lead: its `WATCHED`.
+    lead: memory of the lead, of `WATCHED`.
     """
     return bool(lead.gap <= max(habits.onset_headway * me.along, habits.onset_ttc * lead.closing))
 
 
 @kernel
 def _needed_braking(lead: Any) -> float:
-    """Constant deceleration that reaches the lead's speed where the gap is 0, m/s2.
+    """Constant deceleration that reaches the lead's speed where the gap becomes 0, m/s2.
 
-    The gap is first shortened by what closes while the brakes build up.
+    Before it begins, the gap closes for `BRAKE_BUILD_UP`.
+
+    lead: memory of the lead, of `WATCHED`.
     """
     if lead.closing <= 0.0:
         return 0.0
@@ -310,9 +327,8 @@ def _needed_braking(lead: Any) -> float:
 def _duration(
     me: Any, others: Any, watched: Any, shortest: float, habits: Any, scenario: Any
 ) -> float:
-    """The habitual duration, or the longest that is clear of every lead when the ego reaches it, s.
-
-    -1 when that is less than `shortest`.
+    """Duration of the lane change, s: the habitual one, or, if less, the longest with which the ego
+    is clear of every lead when it reaches the lead. -1: that is less than `shortest`, s.
     """
     longest = max(habits.duration, shortest)
     for j in range(len(others)):
@@ -322,7 +338,8 @@ def _duration(
         gap, closing = watched[j].gap, watched[j].closing
         # y from which on the ego passes this lead at `CLEARANCE`, m
         clear_y = other.y + 0.5 * scenario.vehicle.width + other.half_width + CLEARANCE
-        share = (clear_y - me.y) / scenario.road.lane_width  # of the change's offset, to `clear_y`
+        # share of the change's offset that leads to `clear_y`
+        share = (clear_y - me.y) / scenario.road.lane_width
         if share > 1.0 or gap <= 0.0:
             return -1.0
         if share <= 0.0 or closing <= 0.0:
@@ -343,30 +360,36 @@ def _left_is_free(
     strip = scenario.vehicle.width + 2.0 * SIDE_CLEARANCE
     ahead, behind = neighbours(me, others, memory.path.start + scenario.road.lane_width, strip)
     if ahead >= 0:
-        least = EMERGENCY_GAP if emergency else AHEAD_HEADWAY * me.along
+        least = EMERGENCY_GAP if emergency else HEADWAY * me.along
         closed = max(me.along - others[ahead].along, 0.0) * duration
         if bumper_gap(me, others[ahead]) - closed < least:
             return False
     if behind >= 0:
-        closing = max(others[behind].along - me.along, 0.0)
-        if emergency:
-            least = EMERGENCY_GAP + closing * duration
-        else:
-            # share of the offset at which the ego's side comes to the line between the lanes
-            beside = 0.5 * (1.0 - scenario.vehicle.width / scenario.road.lane_width)
-            # s in which the gap closes before the vehicle behind brakes
-            undiminished = duration * share_when_done(beside) + REAR_DELAY
-            braking = closing * closing / (2.0 * REAR_DECELERATION)
-            least = closing * undiminished + braking + me.along * REAR_HEADWAY
+        least = _gap_behind(me, others[behind], duration, emergency, scenario)
         if bumper_gap(others[behind], me) < least:
             return False
     return True
 
 
 @kernel
+def _gap_behind(me: Any, behind: Any, duration: float, emergency: bool, scenario: Any) -> float:
+    """Least gap to the vehicle behind in the other lane at the start of a lane change, m.
+
+    duration: of the lane change, s.
+    """
+    closing = max(behind.along - me.along, 0.0)
+    if emergency:
+        return float(EMERGENCY_GAP + closing * duration)
+    # share of the offset at which the ego's side comes to the line between the lanes
+    at_line = 0.5 * (1.0 - scenario.vehicle.width / scenario.road.lane_width)
+    wait = duration * share_when_done(at_line) + REAR_DELAY  # s until the vehicle behind brakes
+    return float(closes_by(closing, wait) + me.along * REAR_HEADWAY)
+
+
+@kernel
 def _still_ahead(memory: Any, me: Any, other: Any, scenario: Any) -> bool:
-    """Whether the lane change leads past a vehicle that the ego has not passed yet, and that is
-    nearer across the road than `AT_EASE`.
+    """Whether the lane change leads past a vehicle that the ego has not passed yet, and the free
+    space across the road between both is less than `AT_EASE`.
     """
     widths = 0.5 * scenario.vehicle.width + other.half_width
     target = memory.path.start + memory.path.offset

@@ -3,9 +3,10 @@
 The baselines of `ads/` and the synthetic drivers use it. All is along and across the road.
 
 `me` and `other` are `MOVER` records of `cosim.records` (x, y: body centre, m; along, across: speeds
-by road axis, m/s; half_length, half_width: half the extent of the turned body along and across the
-road, m). A vehicle that is not seen has nan as its x. Comparisons with nan are false: tests are
-written so that such a vehicle is never ahead, behind or hiding another vehicle.
+along and across the road, m/s; half_length, half_width: half the extents of the turned body along
+and across the road, m). `others` is an array of them. A vehicle that is not seen has nan as its x.
+Comparisons with nan are false: conditions here are written so that such a vehicle is never ahead,
+behind or hiding another vehicle (`not a > b` differs from `a <= b`).
 
 Users: `ads/`, `drivers/synthetic/driver.py`.
 """
@@ -17,32 +18,33 @@ from sumo_eval.kernels import kernel
 
 LEAST_GAP = 2.0  # m between two vehicles at rest: the least following distance of UN R157
 COURTESY = 1.0  # s between the ego and a road user crossing its path; if less, the ego yields
-CROSSES = 0.1  # m/s; a road user that moves slower than this towards the path does not cross it
+CROSSES = 0.1  # m/s towards the path; a slower road user does not count as crossing
 
 
 @kernel
 def bumper_gap(me: Any, other: Any) -> float:
-    """Free road from a vehicle's front to the rear of its lead vehicle, m; negative when they are
-    side by side.
+    """Free road from the front of `me` to the rear of `other`, m; negative if they are side by
+    side, or `other` is behind.
     """
     return float(other.x - me.x - other.half_length - me.half_length)
 
 
 @kernel
 def lateral_overlap(me: Any, other: Any) -> float:
-    """Width of the strip along the road that both bodies share, m; negative: their distance
-    across.
+    """Width of the strip along the road that both bodies share, m; negative: the free space between
+    them across the road.
     """
     half, other_half = me.half_width, other.half_width
-    # the strip is at most as wide as either body
+    # at most the width of either body
     return float(min(half + other_half - abs(me.y - other.y), 2.0 * half, 2.0 * other_half))
 
 
 @kernel
 def lead_in_path(me: Any, others: Any) -> int:
-    """Index of the lead, -1: none: the nearest vehicle in front whose body reaches into the strip
-    of road that the ego's body sweeps straight ahead. Any vehicle in the strip beyond the lead is
-    hidden until the lead has left it.
+    """Index of the lead; -1: none.
+
+    The lead is the nearest vehicle in front whose body reaches into the strip of road that the
+    ego's body sweeps straight ahead. It hides any vehicle beyond it in the strip.
     """
     nearest = -1
     for j in range(len(others)):
@@ -60,9 +62,10 @@ def lead_in_path(me: Any, others: Any) -> int:
 def coming_into_path(me: Any, others: Any) -> int:
     """Index of the nearest road user ahead that comes into the ego's path from the side, -1: none.
 
-    The path is the strip of road that the ego's body sweeps straight ahead. The road user is in it
-    while the ego passes, or less than `COURTESY` before or after, if both keep their speeds. One
-    that a nearer vehicle hides to more than half is not seen.
+    The path is the strip of road that the ego's body sweeps straight ahead. The road user comes
+    into it if, at the present speeds, it is in the strip while the ego passes, or less than
+    `COURTESY` before or after that. A road user that a nearer vehicle hides to more than half is
+    not seen.
     """
     nearest = -1
     for j in range(len(others)):
@@ -109,8 +112,8 @@ def next_ahead(me: Any, others: Any, last: int) -> int:
 
 @kernel
 def neighbours(me: Any, others: Any, centre: float, width: float) -> tuple[int, int]:
-    """Indexes of the nearest vehicles ahead and behind whose body reaches into the strip `width` m
-    wide around y = `centre`, -1: none. One beside the ego is both.
+    """Indexes of the nearest vehicles ahead and behind, -1: none, whose body reaches into the strip
+    `width` m wide around y = `centre`, m. A vehicle alongside the ego is both.
     """
     ahead = behind = -1
     for j in range(len(others)):
@@ -130,11 +133,11 @@ def safe_gap(speed: float, lead_speed: float, deceleration: float, response: flo
     """Gap from which two vehicles that brake equally hard come to rest `LEAST_GAP` apart, m.
 
     d = max(0, v rho + (v^2 - w^2) / (2 b)) + 2 m: the longitudinal distance of
-    Responsibility-Sensitive Safety for one that does not speed up in between (Shalev-Shwartz et al.
-    2017, Definition 1).
+    Responsibility-Sensitive Safety for an ego that does not speed up in its response time
+    (Shalev-Shwartz et al. 2017, Definition 1).
 
     speed: v, m/s.
-    lead_speed: w, m/s; below 0: the lead is oncoming, and its way to a stop adds to the gap.
+    lead_speed: w, m/s; below 0: the lead is oncoming, and its stopping distance adds to the gap.
     deceleration: b, m/s2.
     response: rho, s.
     """
@@ -144,14 +147,15 @@ def safe_gap(speed: float, lead_speed: float, deceleration: float, response: flo
 
 @kernel
 def is_visible(me: Any, others: Any, index: int, hiding_share: float, aside: bool = False) -> bool:
-    """Whether a vehicle is seen by lines of sight that all run along the road: no single nearer
-    vehicle covers more than `hiding_share` of its width.
+    """Whether a vehicle is seen: no single nearer vehicle covers more than `hiding_share` of its
+    width.
 
-    Seen from far away, a vehicle hides what lies straight behind it. With a share of 0 a vehicle is
-    seen once nothing covers any of it (a sensor that needs the whole contour), with 0.5 once half
-    of it shows.
+    Lines of sight run along the road: a vehicle hides what lies straight behind it. With a share of
+    0 a vehicle is seen once nothing covers any of it (a sensor that needs the whole contour), with
+    0.5 once half of it shows.
 
-    aside: lines of sight instead meet in the ego.
+    index: of the vehicle among `others`.
+    aside: lines of sight meet in the ego's centre instead.
     """
     other = others[index]
     if isnan(other.x):
@@ -169,11 +173,10 @@ def is_visible(me: Any, others: Any, index: int, hiding_share: float, aside: boo
 
 @kernel
 def is_in_sight(me: Any, others: Any, index: int, hiding_share: float) -> bool:
-    """Whether a vehicle is seen from the ego: along the road (`is_visible`) in the strip that the
-    ego's body sweeps, elsewhere along the line from the ego to its middle.
+    """Whether a vehicle is seen from the ego: `is_visible` by lines of sight along the road for a
+    vehicle in the strip that the ego's body sweeps, by lines that meet in the ego for any other.
 
-    In both, no single nearer vehicle covers more than `hiding_share` of its width. So parked cars
-    at the side hide what stands between them.
+    So parked cars at the side hide what stands between them.
     """
     other = others[index]
     aside = other.x > me.x and lateral_overlap(me, other) <= 0.0
@@ -182,12 +185,14 @@ def is_in_sight(me: Any, others: Any, index: int, hiding_share: float) -> bool:
 
 @kernel
 def covers(nearer: Any, eye_y: float, other: Any, share: float, hiding: float) -> bool:
-    """Whether a vehicle covers more than the share `hiding` of another's width along the line from
-    the eye to it.
+    """Whether a nearer vehicle covers more than the share `hiding` of another's width, seen from an
+    eye.
 
     nearer, other: with `y` and `half_width`, half the extent across the road, m.
-    share: where the nearer vehicle is on the way from the eye to the other one, 0..1. Lines of
-        sight meet in the eye, so the other's width appears there scaled by this share.
+    eye_y: of the eye, m.
+    share: where the nearer vehicle is on the way from the eye to the other vehicle, 0..1. Lines of
+        sight meet in the eye, so the other's width appears scaled by this share there. 1: lines of
+        sight are parallel.
     """
     half = other.half_width * share  # of the other, as it appears where the nearer one is, m
     # from the line of sight to the nearer vehicle's middle, m
@@ -207,15 +212,15 @@ def take(to: Any, other: Any) -> None:
 
 @kernel
 def carry_on(mover: Any, time: float) -> None:
-    """Move a vehicle to where it is `time` s later.
+    """Move a vehicle to where it is `time` s later; a negative time: earlier.
 
     It keeps its velocity, or, with `braking` above 0, brakes along the road until `along` is 0.
-    Until then it also moves across the road, and after that not at all; `across` stays as it is.
+    Until then it also moves across the road, and after that it stands; `across` is not changed.
     """
     if mover.braking <= 0.0:
         mover.x, mover.y = mover.x + mover.along * time, mover.y + mover.across * time
         return
-    rolling = min(time, max(mover.along, 0.0) / mover.braking)
+    rolling = min(time, max(mover.along, 0.0) / mover.braking)  # s until it stands, at most `time`
     mover.x += rolling * (mover.along - 0.5 * mover.braking * rolling)
     mover.y += mover.across * rolling
     mover.along -= mover.braking * rolling

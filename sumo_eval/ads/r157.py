@@ -1,5 +1,5 @@
 """Common parts of the baselines of UN Regulation No. 157 and of `lane_changer`: brakes that build
-up, headways along and across, sight, foresight.
+up, distances and headways, what an actor shows (sighting), where it will be (foresight).
 
 Users: `ads/fuzzy_safety_model.py`, `ads/lane_changer.py`, `ads/r157_careful_driver.py`,
 `ads/reg157.py`, `ads/rss.py`.
@@ -17,7 +17,7 @@ from sumo_eval.cosim.records import MOVER
 from sumo_eval.kernels import fields, flags, kernel
 
 GRAVITY = 9.81  # m/s2
-HUMAN_JERK = 12.65  # m/s3, with which the regulation's human builds up its braking, in 0.6 s
+HUMAN_JERK = 12.65  # m/s3 at which the regulation's human builds up its braking, in 0.6 s
 HUMAN_BRAKING = 0.774 * GRAVITY  # m/s2, the strongest of the regulation's human
 # s, headway up to which the regulation's human reacts to what the lead does
 FOLLOWING_HEADWAY = 2.0
@@ -28,8 +28,8 @@ MOST_COVERED = 0.8
 
 @kernel
 def brake_ramp(elapsed: float, level: float, build_up: float) -> float:
-    """Braking `elapsed` s after it began, m/s2: from 0 to `level`, linear over `build_up` s, then
-    held; 0 before.
+    """Deceleration of a brake ramp `elapsed` s after it began, m/s2: it rises from 0 to `level`
+    linearly over `build_up` s, then stays; 0 before it began.
     """
     if elapsed <= 0.0:
         return 0.0
@@ -48,8 +48,8 @@ def brake_ramp_lost(elapsed: float, level: float, build_up: float) -> float:
 
 @kernel
 def time_to_collision(me: Any, other: Any) -> float:
-    """TTC = d / (v - w), s: bumper gap over closing speed, the ego's less the other's; inf when not
-    closing, 0 or less where the bodies overlap along the road.
+    """TTC = d / (v - w), s: bumper gap d over closing speed, the ego's v less the other's w; inf if
+    they do not close, 0 or less if the bodies overlap along the road.
     """
     closing = me.along - other.along
     return bumper_gap(me, other) / closing if closing > 0.0 else inf
@@ -57,13 +57,13 @@ def time_to_collision(me: Any, other: Any) -> float:
 
 @kernel
 def time_headway(me: Any, other: Any) -> float:
-    """THW = d / v, s: bumper gap over the ego's own speed; inf at standstill."""
+    """THW = d / v, s: bumper gap d over the ego's speed v; inf at standstill."""
     return bumper_gap(me, other) / me.along if me.along > 0.0 else inf
 
 
 @kernel
 def lateral_gap(me: Any, other: Any) -> float:
-    """Edge to edge across the road, m; negative when the bodies share a strip of road."""
+    """Free space between both bodies across the road, m; negative if they share a strip of road."""
     return float(abs(other.y - me.y) - me.half_width - other.half_width)
 
 
@@ -77,20 +77,21 @@ def within_headway(me: Any, other: Any) -> bool:
 
 @kernel
 def closing_across(me: Any, other: Any) -> float:
-    """Speed at which the other comes nearer across the road, m/s; negative: away."""
+    """Speed at which both come nearer to each other across the road, m/s; negative: apart."""
     relative = other.across - me.across
     return float(-relative if other.y > me.y else relative)
 
 
 SIGHTING = [*fields("last_speed", "last_y", "across", "gain"), ("mover", MOVER)]
-"""Another vehicle as the last steps show it; nan before it was seen.
+"""An actor as the last steps show it; nan before it was seen.
 
-last_speed, last_y: at the last look, m/s and m.
-across: mean speed across the road over the last step, m/s: its speed in the middle of that step.
+last_speed, last_y: at the last look, m/s along the road, and m.
+across: mean speed across the road over the last step, m/s, which is the speed in its middle.
 gain: change of `across` since the step before, m/s2; 0 if the motion began or turned round.
-mover: the vehicle as seen last, but with the braking and the speed across that its motion shows.
+mover: the actor as seen last, with the braking and the speed across that its positions show.
 """
 SIGHTED = [("sighting", SIGHTING)]
+"""Memory of an actor, for rules that need no more."""
 SAFETY_MEMORY = [
     ("braking", SAFETY_BRAKING),
     ("me", MOVER),
@@ -101,17 +102,17 @@ SAFETY_MEMORY = [
 """Memory of a baseline with safety braking; all 0 at the beginning.
 
 me: the ego as it is, with the baseline's braking.
-then: where the ego is foreseen to be at some instant.
+then: the ego at some instant, as foreseen.
 commanded: acceleration of this cycle, m/s2.
-steps: driven so far.
+steps: number of steps so far.
 """
 # parameter of a rule: its `Brakes`
 BRAKES = ("brakes", fields("response", "braking", "jerk"))
 
 
 class Brakes(NamedTuple):
-    """Brakes of a driver: `response` s after a demand, with up to `braking` m/s2, rising at `jerk`
-    m/s3.
+    """Brakes of a rule: they act `response` s after a demand, with up to `braking` m/s2, rising at
+    `jerk` m/s3.
     """
 
     response: float
@@ -121,9 +122,11 @@ class Brakes(NamedTuple):
 
 @kernel
 def sight(sighting: Any, other: Any, step: float) -> None:
-    """Update a sighting with what a vehicle shows at this step. Call once a step and vehicle.
+    """Update a sighting with what an actor shows at this step. Call once a step and actor.
 
     Speeds across the road come from positions, as a body may move across without turning.
+
+    step: time since the last call, s.
     """
     mover = sighting.mover
     take(mover, other)
@@ -147,8 +150,10 @@ def sight(sighting: Any, other: Any, step: float) -> None:
 
 @kernel
 def foresee(then: Any, sighting: Any, time: float, step: float) -> None:
-    """Write into `then` the vehicle `time` s from now, if it continues as now; for a negative
-    time, as it was.
+    """Write into `then` the actor `time` s from now, if it continues as now; for a negative time,
+    as it was.
+
+    step: time between two updates of the sighting, s.
     """
     take(then, sighting.mover)
     carry_on(then, time)
@@ -161,8 +166,8 @@ def foresee(then: Any, sighting: Any, time: float, step: float) -> None:
 
 @kernel
 def foresee_all(own: Any, watched: Any, others_then: Any, time: float, step: float) -> None:
-    """Write into `own.then` and `others_then` the ego, `own.me`, and all others `time` s from now,
-    if all continue as now.
+    """Write into `own.then` and `others_then` the ego and all actors `time` s from now, if all
+    continue as now: the ego as in `own.me`, the actors as in their sightings.
     """
     take(own.then, own.me)
     carry_on(own.then, time)
@@ -173,16 +178,17 @@ def foresee_all(own: Any, watched: Any, others_then: Any, time: float, step: flo
 def braking_loop(braking_for: Callable[..., float], clocks: int = 2) -> Callable[..., None]:
     """Loop of a rule that commands the braking that an actor ahead demands, and keeps the lane.
 
-    braking_for: gives the deceleration that an actor demands, m/s2, 0: none. It is called with the
-        ego, the actor, which is in sight ahead, the rule's parameters (with `BRAKES`) and `cycle`:
-        the `SCENARIO` record whose `step` is the time between two decisions.
-    clocks: 1: the rule decides at every step, `cycle` is `scenario[0]`; 2: once a cycle, with
-        `scenario[1]`.
+    braking_for: gives the deceleration that an actor demands, m/s2; 0: none. Its arguments: the
+        ego; the actor, which is in sight ahead; the rule's parameters (with `BRAKES`); and the
+        `SCENARIO` record whose `step` is the time between two decisions.
+    clocks: 1: the rule decides at every step; 2: once a cycle. It is the number of `SCENARIO`
+        records of which the last has this time.
     """
 
     @kernel
     def demand(scene: Any, after: float) -> float:
-        # the strongest that any actor demands `after` s from now, if all continue as now
+        # the strongest braking that any actor demands `after` s from now, if all continue as now;
+        # scene: (own, watched, others_then, `SCENARIO` record of the time between decisions)
         own, watched, others_then = scene[:3]
         cycle = scene[3]
         foresee_all(own, watched, others_then, after, cycle.step)
@@ -200,7 +206,7 @@ def braking_loop(braking_for: Callable[..., float], clocks: int = 2) -> Callable
         if decides(own, scenario[:clocks]):
             cycle = scenario[clocks - 1]
             take(own.me, ego.seen)
-            own.me.braking = own.braking.path.level  # what the ego's brakes do now
+            own.me.braking = own.braking.path.level  # the ego's braking as intended now
             for j in range(len(others)):
                 sight(watched[j].sighting, others[j], cycle.step)
             scene = (own, watched, others_then, cycle)

@@ -2,9 +2,9 @@
 1).
 
 It perceives an event and evaluates it for 0.4 s. Its brakes begin to act 0.75 s after braking
-became necessary: 0 to 0.774 g in 0.6 s. Between events it keeps its speed and its wheel straight.
-It knows no more than the present and past positions and speeds of the other vehicles. The instant
-at which a threshold is crossed is interpolated linearly between two steps.
+became necessary, and rise from 0 to 0.774 g in 0.6 s. Between events it keeps its speed and its
+lane. It knows no more than the present and past positions and speeds of the other vehicles. The
+instant at which a threshold is crossed is interpolated linearly between two steps.
 
 Source: UN R157, Annex 4, Appendix 3 (original series), Annex 3 (amended); AEB stage as in esmini's
 R157 controllers. docs/baselines.md lists the readings.
@@ -43,10 +43,10 @@ from sumo_eval.cosim.compiled import Compiled, check_numbers, each_row
 from sumo_eval.cosim.records import MOVER
 from sumo_eval.kernels import fields, flags, kernel
 
-BUILD_UP = 0.6  # s, of the driver's brakes and of the emergency brakes
+BUILD_UP = 0.6  # s, of the driver's brakes and of the emergency brakes (AEB)
 AEB_BRAKING = 0.85 * GRAVITY  # m/s2
-CUT_IN_TTC = 2.0  # s, a cut-in needs braking below it
-AEB_TTC = 1.5  # s, the emergency brakes act below it
+CUT_IN_TTC = 2.0  # s; below this TTC a cut-in needs braking
+AEB_TTC = 1.5  # s; below this TTC the emergency brakes act
 OVERLAP_TOLERANCE = 0.05  # m by which a full overlap may fall short of the narrower body
 
 
@@ -57,8 +57,8 @@ def needed_deceleration(
     """Constant deceleration that avoids the lead vehicle if it begins `delay` s from now, m/s2; inf
     if none does.
 
-    The larger of two: behind a lead vehicle that keeps its speed w, and, if it brakes with b, to a
-    standstill behind the point where it stops:
+    The larger of two decelerations: to the speed w of a lead vehicle that keeps it, and, if the
+    lead vehicle brakes with b, to a standstill behind the point where it stops:
 
         (v - w)^2 / (2 (d - (v - w) delay)),  v^2 / (2 (d + w^2 / (2 b) - v delay))
 
@@ -81,12 +81,12 @@ def ramped(
 ) -> Braked:
     """Speed lost by a brake ramp in a step, m/s, and the deceleration at the step's end, m/s2.
 
-    Braking from before the step is released meanwhile, as fast as possible. The stronger of both
+    Braking from before the step is released meanwhile, as fast as possible. Of both the stronger
     counts.
 
     level: deceleration at the end of the ramp, m/s2.
-    path: its `level` is the braking at the step's start, m/s2.
-    begins: start of the ramp, s after that of the step; may be negative.
+    path: of `BRAKE_PATH`; its `level` is the braking at the step's start.
+    begins: start of the ramp, s after the step's start; may be negative.
     ends: when the ramp is released, as fast as possible, s after the step's start.
     """
     ends = min(ends, step)
@@ -105,17 +105,18 @@ _WATCHED = fields(
     "necessary_at",
 )  # fmt: skip
 """The driver's memory of one vehicle; nan: nothing yet. Kernels call the memories of all vehicles
-`watched`, and the one of the vehicle in question `known`.
+`watched`, and that of the vehicle in question `known`.
 
-lane_y: y of the centre of the lane where it was first seen; of a vehicle that stood then, its own
-    y, m.
-offset, time, speed: distance from `lane_y`, m, time, s, and speed along the road, m/s, when it was
-    last seen.
-strayed_at: instant from which it is further off `lane_y` than wandering explains, s.
-braking: its mean deceleration over the time since it was last seen, m/s2; negative: it got faster.
+lane_y: y of the centre of the lane where the vehicle was first seen, m; of a vehicle that stood
+    then, its own y.
+offset, time, speed: distance to the left of `lane_y`, m, time, s, and speed along the road, m/s,
+    when it was last seen.
+strayed_at: instant from which it is further from `lane_y` than wandering explains, s.
+braking: its mean deceleration between the last two looks, m/s2; negative: it got faster.
 braked_at: instant at which `braking` exceeded the driver's threshold, s.
 evaluated_at: instant at which the driver has evaluated an event of this vehicle, s.
-necessary_at: instant at which braking for it became necessary, s.
+necessary_at: instant at which braking for this vehicle became necessary, s. From then on until it
+    is nan again, there is an event.
 """
 
 
@@ -123,11 +124,12 @@ necessary_at: instant at which braking for it became necessary, s.
 def careful_driver(
     ego: Any, others: Any, own: Any, watched: Any, others_then: Any, scenario: Any
 ) -> None:
-    """Brake for the vehicle that made it necessary first, else keep the speed.
+    """Brake for the vehicle that made braking necessary first, else keep the speed.
 
     own: `CarefulDriver.memory`.
     watched: `CarefulDriver.watched`, of each other vehicle.
-    others_then: scratch records of the other vehicles at another instant, as `own.then` of the ego.
+    others_then: scratch records, the other vehicles at another instant; `own.then` is that of the
+        ego.
     scenario: two `SCENARIO` records; only the first is used, as the driver decides at every step.
     """
     me, path, time = own.me, own.path, ego.time
@@ -143,7 +145,7 @@ def careful_driver(
         _watch_over(others, own, watched, others_then, step, time)
         if own.aeb_brakes:
             emergency = ramped(AEB_BRAKING, path, own.aeb_began - time, step, vehicle, step)
-            if emergency > braked:  # by speed lost, then by level
+            if emergency > braked:  # tuples: by speed lost, then by level
                 braked = emergency
     path.level = braked.level
     releases = (isinf(begins_at) or ends < step) and own.aeb_brakes == 0
@@ -151,7 +153,7 @@ def careful_driver(
         path, braked.lost, releases, own.p.brakes, vehicle, step
     )
     ego.command.steering = lane_kept(ego, shared)
-    # settled: no event, so it does nothing as long as no vehicle comes nearer
+    # settled: without an event it does nothing as long as no vehicle comes nearer
     ego.settled = 1 - own.aeb_brakes
     for j in range(len(others)):
         if not isnan(watched[j].necessary_at):
@@ -162,7 +164,10 @@ def careful_driver(
 def _braking_necessary(
     own: Any, others: Any, watched: Any, others_then: Any, scenario: Any, time: float
 ) -> float:
-    """Earliest instant at which braking became necessary for a vehicle in front, s; inf: none."""
+    """Earliest instant at which braking became necessary for a vehicle in front, s; inf: none.
+
+    Updates the memory of every vehicle.
+    """
     me, p = own.me, own.p
     for j in range(len(others)):
         known = watched[j]
@@ -170,8 +175,8 @@ def _braking_necessary(
             _look_at(others[j], known, p, scenario, time)
         if not isnan(known.necessary_at) and _is_over(me, others[j], known, scenario):
             known.braked_at = known.evaluated_at = known.necessary_at = nan
-    _judge_cut_ins(me, others, watched, p, scenario, time)
-    _judge_path(own, others, watched, others_then, scenario, time)
+    _find_cut_ins(me, others, watched, p, scenario, time)
+    _find_events_in_path(own, others, watched, others_then, scenario, time)
     first = inf
     for j in range(len(others)):
         necessary_at = watched[j].necessary_at
@@ -184,19 +189,19 @@ def _braking_necessary(
 def _look_at(other: Any, known: Any, p: Any, scenario: Any, time: float) -> None:
     """Write into the memory what a vehicle that is in sight shows at this step."""
     braking = 0.0
-    if isnan(known.lane_y):
+    if isnan(known.lane_y):  # first seen at this step
         centre = scenario.road.lane_width * round(other.y / scenario.road.lane_width)
         # a vehicle parked off the centre has not strayed
         known.lane_y = centre if other.speed > 0.0 else other.y
     else:
-        # it may have been hidden for some steps
+        # it may have been out of sight for some steps
         steps = max(round((time - known.time) / scenario.step), 1)
         braking = (known.speed - other.along) / (steps * scenario.step)
     offset = other.y - known.lane_y
-    # the last comparison is false for nan, when it is first seen
     now, before = abs(offset), abs(known.offset)
+    # `now > before` is false if the vehicle is first seen: `before` is nan then
     if isnan(known.strayed_at) and now > p.wander and now > before:
-        # share of the time since it was last seen after which it crossed `wander`
+        # share of the time since the last look after which it crossed `wander`
         share = max((p.wander - before) / (now - before), 0.0)
         known.strayed_at = known.time + share * (time - known.time)
     if isnan(known.braked_at) and braking > p.lead_braking:
@@ -207,10 +212,8 @@ def _look_at(other: Any, known: Any, p: Any, scenario: Any, time: float) -> None
 
 @kernel
 def _is_over(me: Any, other: Any, known: Any, scenario: Any) -> bool:
-    """Whether the event needs no braking any more.
-
-    That is so if the vehicle is passed, if it is neither in the path nor on its way there, or if it
-    neither comes nearer nor brakes.
+    """Whether the event of a vehicle needs no braking any more: the vehicle is passed, or it is
+    neither in the path nor on its way there, or it neither comes nearer nor brakes.
     """
     if not other.x > me.x:  # passed, or nan: it is not there
         return True
@@ -230,12 +233,13 @@ def _comes_towards(me: Any, known: Any, scenario: Any) -> bool:
     """Whether the vehicle has left its own lane towards the ego's."""
     if isnan(known.strayed_at) or _began_in_ego_lane(me, known, scenario):
         return False
-    return bool(known.offset * (me.y - known.lane_y) > 0.0)  # to the same side
+    # it is off its lane to the side on which the ego is: both have the same sign
+    return bool(known.offset * (me.y - known.lane_y) > 0.0)
 
 
 @kernel
-def _judge_cut_ins(me: Any, others: Any, watched: Any, p: Any, scenario: Any, time: float) -> None:
-    """Find vehicles that cut in and for which braking has become necessary."""
+def _find_cut_ins(me: Any, others: Any, watched: Any, p: Any, scenario: Any, time: float) -> None:
+    """Write `necessary_at` of vehicles that cut in and for which braking has become necessary."""
     for j in range(len(others)):
         other, known = others[j], watched[j]
         if (
@@ -247,7 +251,7 @@ def _judge_cut_ins(me: Any, others: Any, watched: Any, p: Any, scenario: Any, ti
             continue
         ttc = time_to_collision(me, other)
         evaluated_at = known.strayed_at + p.evaluation
-        # the step nearest to the end of the evaluation is the first that decides
+        # the step nearest to the end of the evaluation is the first at which the driver decides
         if 0.0 < ttc < CUT_IN_TTC and time >= evaluated_at - 0.5 * scenario.step:
             # TTC falls by about 1 s a second, so it crossed the threshold CUT_IN_TTC - ttc ago: a
             # step ago at the earliest, and not before the evaluation ended
@@ -255,13 +259,14 @@ def _judge_cut_ins(me: Any, others: Any, watched: Any, p: Any, scenario: Any, ti
 
 
 @kernel
-def _judge_path(
+def _find_events_in_path(
     own: Any, others: Any, watched: Any, others_then: Any, scenario: Any, time: float
 ) -> None:
-    """Find vehicles in the ego's path for which braking has become necessary.
+    """Write `necessary_at` of vehicles in the ego's path for which braking has become necessary.
 
-    Such a vehicle is revealed by one that leaves the lane, brakes within 2 s of headway, or is
-    approached too fast. The search ends at the nearest vehicle that hides what is beyond it.
+    The event of such a vehicle: another vehicle leaves the lane and reveals it, it brakes within
+    2 s of headway, or the ego approaches it too fast. The search, from the nearest vehicle on, ends
+    at a vehicle that stays in the path: it hides what is beyond it.
     """
     me = own.me
     leaves = -1  # index of the nearest vehicle that leaves the ego's lane
@@ -277,7 +282,7 @@ def _judge_path(
                         own, others[j], known, others_then[j], scenario.step, time
                     )
                 known.evaluated_at = perceived_at + own.p.evaluation
-            # the nearest step decides, as for a cut-in; false for nan
+            # the nearest step decides, as for a cut-in; false if `evaluated_at` is nan
             if time >= known.evaluated_at - 0.5 * scenario.step:
                 known.necessary_at = known.evaluated_at
         if not isnan(known.strayed_at) and _began_in_ego_lane(me, known, scenario):
@@ -289,10 +294,10 @@ def _judge_path(
 
 @kernel
 def _revealed(own: Any, others: Any, watched: Any, j: int, leaves: int, time: float) -> float:
-    """Instant at which the driver perceived a near vehicle as revealed or braking, s; nan while it
-    is neither.
+    """Instant at which the driver perceived vehicle j, which must be near, as revealed or as
+    braking, s; nan while it is neither.
 
-    It is at most one evaluation ago, so that no evaluation ended before now.
+    The instant is at most one evaluation ago: no evaluation has ended before now.
 
     leaves: index of the nearest vehicle that has left the ego's lane; -1: none.
     """
@@ -312,7 +317,7 @@ def _approached(
     """Instant at which the driver perceived that approaching a vehicle needs braking, s; nan while
     it does not.
 
-    other_then: scratch record of the vehicle a step ago.
+    other_then: scratch record, for the vehicle a step ago.
     """
     me, p = own.me, own.p
     needed = _needed(me, other, known, p)
@@ -326,14 +331,14 @@ def _approached(
     other_then.braking = known.braking
     carry_on(other_then, -step)
     earlier = _needed(own.then, other_then, known, p)
-    # share of the step after which the need crossed the limit
+    # share of the last step after which the needed deceleration crossed the limit
     share = (p.in_path_limit - earlier) / (needed - earlier) if earlier < p.in_path_limit else 0.0
     return time - (1.0 - share) * step
 
 
 @kernel
 def _needed(me: Any, other: Any, known: Any, p: Any) -> float:
-    """`needed_deceleration`, m/s2, where the driver must still evaluate and react."""
+    """`needed_deceleration`, m/s2, of a driver that must still evaluate and react."""
     delay = p.evaluation + p.reaction
     return needed_deceleration(bumper_gap(me, other), me.along, other.along, known.braking, delay)
 
@@ -342,9 +347,9 @@ def _needed(me: Any, other: Any, known: Any, p: Any) -> float:
 def _end_events_within(me: Any, others: Any, watched: Any, step: float) -> float:
     """Time until the ego is as slow as all vehicles for which it brakes, s; inf: not in this step.
 
-    If it is in this step, these events end.
+    If that is in this step, the events of these vehicles end.
     """
-    ends, events = 0.0, 0
+    ends, events = 0.0, 0  # s, and number of vehicles for which it brakes
     for j in range(len(others)):
         if isnan(watched[j].necessary_at) or not others[j].x > me.x:
             continue
@@ -372,8 +377,8 @@ def _aeb_ttc(me: Any, other: Any) -> float:
 
 @kernel
 def _aeb_demand(scene: Any, after: float) -> float:
-    """1 where the AEB stage demands braking `after` s from now, if all vehicles continue as now,
-    else 0: a demand for `first_instant`.
+    """A demand for `first_instant`: 1 if the AEB stage demands braking `after` s from now, if all
+    vehicles continue as now, else 0.
 
     scene: (own, watched, scratch records of the other vehicles at that instant, step).
     """
@@ -392,7 +397,9 @@ def _watch_over(
     others: Any, own: Any, watched: Any, others_then: Any, step: float, time: float
 ) -> None:
     """Decide whether the AEB stage brakes: for a vehicle in sight and fully in the path, from
-    TTC < 1.5 s until the ego no longer closes in.
+    TTC < 1.5 s until the ego no longer closes in on any such vehicle.
+
+    time: now, s.
     """
     for j in range(len(others)):
         sight(watched[j].sighting, others[j], step)
@@ -417,6 +424,7 @@ def _watch_over(
 class CarefulDriver(Compiled):
     """ADS `careful_driver` (with `aeb`: `careful_driver_aeb`), performance model 1 of UN R157.
 
+    aeb: whether the car has emergency braking.
     wander: largest distance from the lane centre that does not count as a lane change, m.
     evaluation: time from perceiving an event to the end of its evaluation, s.
     reaction: time from the instant at which braking became necessary to its start, s.
@@ -430,10 +438,10 @@ class CarefulDriver(Compiled):
         ("path", BRAKE_PATH), ("me", MOVER), ("then", MOVER), *fields("aeb_began"),
         *flags("aeb_brakes", "looked"),
     ]  # fmt: skip
-    """path: of the driver's braking.
+    """path: of the ego's braking, of `BRAKE_PATH`.
     me, then: the ego now, and at another instant.
     aeb_began: start of the emergency braking, s.
-    aeb_brakes: 1 during it.
+    aeb_brakes: 1 while the emergency brakes act.
     looked: 1 after the first step.
     """
     watched: ClassVar = [*_WATCHED, *SIGHTED]

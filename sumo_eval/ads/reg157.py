@@ -1,8 +1,9 @@
 """ADS `reg157`: the least that UN Regulation No. 157, 5.2.5, demands of an ALKS.
 
-A cut-in must be avoided when its TTC, as it intrudes into the lane, is above v_rel / (2 * 6 m/s2) +
-0.35 s: the system may take 0.35 s and brake at 6 m/s2. This ADS does just that, and begins no
-earlier than it must. docs/baselines.md lists the readings.
+A collision with a vehicle that cuts in must be avoided if the TTC, as the vehicle intrudes into the
+lane, is above v_rel / (2 * 6 m/s2) + 0.35 s: so the system may respond after 0.35 s and brake at 6
+m/s2. This ADS does just that, and begins no earlier than it must. docs/baselines.md lists the
+readings.
 
 Users: `ads/eu_2022_1426.py`.
 """
@@ -30,9 +31,10 @@ INTRUSION = 0.3  # m, of the tyre beyond the lane marking
 
 
 class LastMoment(NamedTuple):
-    """Time and braking that a regulation grants before it demands that a collision is avoided.
+    """Time and braking that a regulation grants: it demands that a collision is avoided only if
+    they are enough.
 
-    ads: name of the ADS that uses all of it.
+    ads: name of the ADS that uses all of them.
     braking: a, m/s2.
     response: s before the brakes act.
     build_up: tau, s from no braking to `braking`.
@@ -72,9 +74,9 @@ def reg157_braking(me: Any, other: Any, p: Any, scenario: Any) -> float:
 
     p: parameters of `Reg157`.
     """
-    # m, lateral gap to a vehicle that has just intruded
-    intruding = 0.5 * scenario.road.lane_width - me.half_width - INTRUSION
-    if lateral_gap(me, other) > intruding:
+    # m, lateral gap to a vehicle that has just intruded, if the ego is in the lane's middle
+    intruded_gap = 0.5 * scenario.road.lane_width - me.half_width - INTRUSION
+    if lateral_gap(me, other) > intruded_gap:
         return 0.0
     demands = lateral_overlap(me, other) > 0.0 and other.braking > p.lead_braking
     demands = demands and within_headway(me, other)
@@ -91,16 +93,16 @@ class Reg157(Compiled):
     began to brake.
 
     margin: added to the critical TTC, s; by default one sensor step of 0.1 s.
-    lead_braking: deceleration of a lead at 2 s headway or less above which the lead counts as
-        braking, m/s2.
-    standstill_gap: subtracted from the gap for TTC, m. The rule brakes only while TTC is
-        critical: without this gap the ego would stop in contact, at 0 m/s.
+    lead_braking: deceleration above which a lead at a headway of at most 2 s counts as braking,
+        m/s2.
+    standstill_gap: subtracted from the gap for TTC, m. The rule brakes only while TTC is critical:
+        without this gap the ego would stop in contact, at 0 m/s.
     """
 
     loop = braking_loop(reg157_braking)
     memory, watched = SAFETY_MEMORY, SIGHTED
     numbers: ClassVar = [
-        ("brakes", [*BRAKES[1], *fields("build_up")]),  # [1]: its fields
+        ("brakes", [*BRAKES[1], *fields("build_up")]),  # BRAKES is (name, fields)
         *fields("margin", "lead_braking", "standstill_gap"),
     ]
     brakes: ClassVar[LastMoment] = LastMoment("reg157", braking=BRAKING, response=RESPONSE)

@@ -66,7 +66,10 @@ def lateral_safe_distance(lateral_speed: float) -> float:
 
 @kernel
 def rss_braking(me: Any, other: Any, p: Any, scenario: Any) -> float:
-    """Deceleration that an actor ahead demands, m/s2: full braking where it is too close."""
+    """Deceleration that an actor ahead demands, m/s2: full braking where it is too close.
+
+    me, other: the ego and the actor, as `MOVER`s; p and scenario are not used.
+    """
     d_lon = longitudinal_safe_distance(me.along, other.along)
     d_lat = lateral_safe_distance(abs(closing_across(me, other)))
     unsafe = bumper_gap(me, other) < d_lon and lateral_gap(me, other) < d_lat
@@ -74,8 +77,8 @@ def rss_braking(me: Any, other: Any, p: Any, scenario: Any) -> float:
 
 
 class ResponsibilitySensitiveSafety(Compiled):
-    """ADS `rss`: full braking, `RESPONSE` after an actor ahead violates both distances; it decides
-    at every step (`clocks`).
+    """ADS `rss`: full braking, `RESPONSE` s after the distances along and across the road to an
+    actor ahead are both too short. It decides at every step (`clocks`).
     """
 
     loop = braking_loop(rss_braking, clocks=1)
