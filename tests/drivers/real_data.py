@@ -1,14 +1,12 @@
 """Where the recordings for tests are, if they are on this machine at all."""
 
-from pathlib import Path
-
 import pytest
+from loaded import SHARED
 
-_PLACES = [parent / "shared" / "data" / "human" for parent in Path(__file__).resolve().parents]
-HUMAN = next((place for place in _PLACES if place.is_dir()), None)
+HUMAN = SHARED / "human"
 
 needs_recordings = pytest.mark.skipif(
-    HUMAN is None, reason="the recordings for tests are not on this machine"
+    not HUMAN.is_dir(), reason="the recordings for tests are not on this machine"
 )
 
 

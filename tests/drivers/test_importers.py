@@ -160,49 +160,32 @@ def test_openacc_gaps_to_the_lead_are_kept():
 
 def _levelx(folder):
     """Six cars on two lanes of 3.6 m that follow a curve of 200 m radius, in the levelX layout."""
-    tracks, meta = [], []
+    tracks, frames = [], np.arange(250)
     for number in range(6):
         lane, speed = number % 2, 20.0 + 5.0 * (number % 2)
         radius = 200.0 - 3.6 * lane  # the left lane is the inner one of a left-hand curve
-        for frame in range(25 * number, 25 * number + 250):
-            angle = speed * (frame - 25 * number) / 25.0 / radius
-            tracks.append(
-                [
-                    0,
-                    number,
-                    frame,
-                    radius * np.sin(angle),
-                    -radius * np.cos(angle),
-                    np.degrees(angle) % 360.0,
-                    1.8,
-                    4.5,
-                    speed * np.cos(angle),
-                    speed * np.sin(angle),
-                    0.0,
-                ]
-            )
-        meta.append([0, number, "car"])
-    names = [
-        "recordingId",
-        "trackId",
-        "frame",
-        "xCenter",
-        "yCenter",
-        "heading",
-        "width",
-        "length",
-        "xVelocity",
-        "yVelocity",
-    ]
-    pd.DataFrame(tracks, columns=[*names, "lonAcceleration"]).to_csv(
-        folder / "07_tracks.csv", index=False
-    )
-    pd.DataFrame(meta, columns=["recordingId", "trackId", "class"]).to_csv(
-        folder / "07_tracksMeta.csv", index=False
-    )
-    pd.DataFrame([[0, 25.0]], columns=["recordingId", "frameRate"]).to_csv(
-        folder / "07_recordingMeta.csv", index=False
-    )
+        angle = speed * frames / 25.0 / radius
+        track = {
+            "recordingId": 0,
+            "trackId": number,
+            "frame": 25 * number + frames,
+            "xCenter": radius * np.sin(angle),
+            "yCenter": -radius * np.cos(angle),
+            "heading": np.degrees(angle) % 360.0,
+            "width": 1.8,
+            "length": 4.5,
+            "xVelocity": speed * np.cos(angle),
+            "yVelocity": speed * np.sin(angle),
+            "lonAcceleration": 0.0,
+        }
+        tracks.append(pd.DataFrame(track))
+    about = {"recordingId": 0, "trackId": range(6), "class": "car"}
+    for name, table in (
+        ("tracks", pd.concat(tracks)),
+        ("tracksMeta", pd.DataFrame(about)),
+        ("recordingMeta", pd.DataFrame({"recordingId": [0], "frameRate": 25.0})),
+    ):
+        table.to_csv(folder / f"07_{name}.csv", index=False)
     return folder / "07_tracks.csv"
 
 

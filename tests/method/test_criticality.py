@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from hypothesis import assume, example, given
 from hypothesis import strategies as st
-from loaded import ROOT
+from loaded import SHARED
 from refusals import refusal
 from tables import rows_of, values_of
 from twins.criticality import braked
@@ -26,7 +26,7 @@ from sumo_eval.method.criticality import (
     time_to_collision,
 )
 
-TABLES = ROOT.parent / "shared" / "data" / "r157"
+TABLES = SHARED / "r157"
 CAREFUL = {"deceleration": 7.593, "delay": 1.15, "build_up": 0.6}
 speeds = st.floats(0.0, 40.0)
 gaps = st.floats(0.1, 200.0)

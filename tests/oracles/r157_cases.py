@@ -3,7 +3,7 @@
 import csv
 
 import pytest
-from loaded import ROOT
+from loaded import SHARED
 from road_scenes import at_values
 
 from sumo_eval.cosim import simulate
@@ -11,7 +11,7 @@ from sumo_eval.scenario import Actor, ConcreteScenario, Road, Start, brake_to_st
 from sumo_eval.scenario.catalogue import load
 from sumo_eval.settings import SimulationSettings, VehicleSettings
 
-TABLES = ROOT.parent / "shared" / "data" / "r157"
+TABLES = SHARED / "r157"
 G = 9.81  # m/s2
 LENGTH, WIDTH = 4.3, 1.9  # m
 LANE = 3.5  # m: 1.6 m from edge to edge of bodies in the middle of their lanes

@@ -5,13 +5,13 @@ import csv
 import math
 
 import pytest
-from loaded import ROOT
+from loaded import SHARED
 
 from sumo_eval.cosim import Command, simulate
 from sumo_eval.scenario import Actor, ConcreteScenario, Road, Start
 from sumo_eval.settings import SimulationSettings, VehicleSettings
 
-TABLE = ROOT.parent / "shared" / "data" / "r157" / "analytic_approach.csv"
+TABLE = SHARED / "r157" / "analytic_approach.csv"
 ROAD = Road("oracle_road", length=1500.0, lanes=2, lane_width=3.5, run_out=1000.0)
 LENGTH = 4.5  # m, ego and target
 STEP_BRAKING = 1e-6  # s, the build-up that stands for none

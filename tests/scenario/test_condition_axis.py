@@ -13,9 +13,10 @@ from sumo_eval.cosim import simulate
 from sumo_eval.drivers.recorded.exposure import exposure_of
 from sumo_eval.scenario import catalogue
 from sumo_eval.scenario.file import check_file, scenario_from
+from sumo_eval.scenario.shipped_files import scenario_files
 from sumo_eval.settings import DriverSettings, ExposureSettings
 
-SHIPPED = ROOT / "sumo_eval" / "scenario" / "files" / "cut_in.toml"
+SHIPPED = scenario_files()["cut_in"]
 EXAMPLE = ROOT / "docs" / "examples" / "cut_in_perceived.toml"
 POLICY = """
 class Keeps:

@@ -30,12 +30,9 @@ from sumo_eval.scenario.road.reference_line import (
     map_places,
     tightest,
 )
+from tests.scenario.test_openscenario import CATALOGUES, needs_catalogues
 
-CATALOGUES = Path(__file__).parents[3] / "shared" / "data" / "catalogues"
 ALKS = CATALOGUES / "osc_alks" / "logical_scenarios" / "concrete_scenarios" / "road_networks"
-needs_catalogues = pytest.mark.skipif(
-    not ALKS.is_dir(), reason="the catalogues of OpenSCENARIO are not here"
-)
 LINE = (Piece(100.0), Piece(60.0, 0.0, 1 / 200), arc(150.0, 200.0), Piece(60.0, 1 / 200, 0.0))
 PLAN = """<OpenDRIVE><road id="{id}" length="1"><planView>
 <geometry s="0" x="7" y="3" hdg="1.5" length="100"><line/></geometry>

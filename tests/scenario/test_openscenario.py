@@ -5,11 +5,11 @@ import math
 import re
 import tomllib
 from contextlib import nullcontext
-from pathlib import Path
 
 import numpy as np
 import pytest
 from commands import sumo_eval
+from loaded import SHARED
 from lxml import etree
 from refusals import refusal
 from scipy.integrate import cumulative_trapezoid
@@ -32,7 +32,7 @@ from sumo_eval.scenario.undisturbed import tracks
 from sumo_eval.settings import SimulationSettings
 from sumo_eval.whatif.levers import levers_of
 
-CATALOGUES = Path(__file__).parents[3] / "shared" / "data" / "catalogues"
+CATALOGUES = SHARED / "catalogues"
 ALKS = CATALOGUES / "osc_alks" / "logical_scenarios"
 NCAP = (
     CATALOGUES

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from loaded import SHARED
 from refusals import refusal, refused
 from road_scenes import at_values
 from scipy.integrate import cumulative_trapezoid
@@ -166,7 +167,7 @@ def test_a_prescribed_ego_body_and_time_limit_take_the_settings_place():
     assert CUT_OUT.concrete(**GOOD).simulation(given) == given
 
 
-MATRIX = Path(__file__).parents[3] / "shared" / "data" / "r157" / "ncap_c2c_matrix.csv"
+MATRIX = SHARED / "r157" / "ncap_c2c_matrix.csv"
 
 
 @pytest.mark.skipif(not MATRIX.is_file(), reason="the reference tables are not here")
