@@ -147,13 +147,7 @@ def score(
     """
     folder = Path(run)
     settings = with_changes(run_folder.read_settings(folder), changes)
-    for change in changes:
-        if not change.strip().startswith(_SCORING_SETTINGS):
-            raise InputError(
-                f"`{change.partition('=')[0]}` cannot be changed by scoring: the recorded facts "
-                "depend on it. Only `method`, `report`, `run.workers` and `run.incomplete` can; "
-                "run the evaluation again for the rest."
-            )
+    _refuse_changes_of_facts(changes)
     resolved = resolved or Resolved.of(settings, run_folder.source_of(folder))
     if changes:
         refuse_unknown_axes(resolved.scenarios, settings.report)
@@ -192,6 +186,17 @@ def score(
         resolved.scenarios,
         left_out,
     )
+
+
+def _refuse_changes_of_facts(changes: Sequence[str]) -> None:
+    """Raise InputError for a changed setting on which recorded facts depend."""
+    for change in changes:
+        if not change.strip().startswith(_SCORING_SETTINGS):
+            raise InputError(
+                f"`{change.partition('=')[0]}` cannot be changed by scoring: the recorded facts "
+                "depend on it. Only `method`, `report`, `run.workers` and `run.incomplete` can; "
+                "run the evaluation again for the rest."
+            )
 
 
 def refuse_to_score(folder: Path) -> None:

@@ -92,7 +92,8 @@ def _judge(
     without_base = partial(result, None, f"{quantity}: {why}", reason=why)
     # the quantity is a value of the new run, or a number of cases that changed against the base
     if quantity not in OF_THE_COMPARISON:
-        value = getattr(score, SCORES[quantity][0] if quantity in SCORES else quantity)
+        field, _ = SCORES.get(quantity, (quantity, 0))
+        value = getattr(score, field)
     elif part is None:
         yield without_base(threshold=limit.at_most)
         return
@@ -218,8 +219,13 @@ def _worst(
 
 
 def _number(quantity: str, value: float | None, unit: str) -> str:
-    digits = 6 if quantity == "collision_probability" else 0
-    return number(value, 1 + SCORES[quantity][1] if quantity in SCORES else digits) + unit
+    """A quantity in words, a score with one digit more than in tables; with its unit."""
+    if quantity in SCORES:
+        _, table_digits = SCORES[quantity]
+        digits = 1 + table_digits
+    else:
+        digits = 6 if quantity == "collision_probability" else 0
+    return number(value, digits) + unit
 
 
 # --- columns of cases.csv -------------------------------------------------------------------------
@@ -236,7 +242,7 @@ def _judge_cases(
     name = "index" if limit.quantity == "d_i" else limit.quantity
     after, before = getattr(cases, name).astype(np.float64), np.full(len(cases), np.nan)
     if part is not None:
-        before[part.changed.paired.new_rows] = part.comparable(name)[0]
+        before[part.changed.paired.new_rows], _ = part.comparable(name)
     for beyond, scale, words in _column_bounds(limit, before, after, unit):
         # own: whether the bound is on the new run's values alone; a bound on a change has the
         # base's values as its scale

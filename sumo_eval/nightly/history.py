@@ -339,7 +339,8 @@ def open_history(folder: Path, *, create: bool = False) -> Iterator[History]:
 
 def _columns(connection: sqlite3.Connection, table: str) -> set[str]:
     """Names of a table's columns; none without such a table."""
-    return {row[1] for row in connection.execute(f"PRAGMA table_info({table})")}
+    # a row has the number of a column, its name, and more
+    return {name for _, name, *_ in connection.execute(f"PRAGMA table_info({table})")}
 
 
 def is_begun(folder: Path) -> bool:

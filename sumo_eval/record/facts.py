@@ -423,21 +423,27 @@ def verify(
         run_folder.refuse_incomplete(store, folder)
         shard = parse_shard(store.noted(run_folder.SHARD) or "1/1")
         find_stale(store, run.source)  # `store.holds` is False for a stale ADS
-        stream = random_stream(run.settings.seed, "verify")
-        chosen: list[Case] = []
-        for space in _spaces(replace(run, shard=shard)):
-            for kind in stages(space, plan):  # at least one case of each
-                cases = list(kind.cases)
-                picked = stream.permutation(len(cases))[: math.ceil(share * len(cases))]
-                chosen += [cases[index] for index in sorted(picked)]
-        same = [case for case in chosen if store.holds(case)]
+        chosen = _draw(replace(run, shard=shard), plan, share)
+        held = [case for case in chosen if store.holds(case)]
         why = "it depends on what has changed since: ADS, scenario, simulator or this package"
         differences = [(case.key, why) for case in chosen if not store.holds(case)]
-        for done, (case, difference) in enumerate(drive_again(same, plan.setup, store), 1):
+        for done, (case, difference) in enumerate(drive_again(held, plan.setup, store), 1):
             if difference:
                 differences.append((case.key, f"it is not the same again: {difference}"))
-            progress("drives simulated again", done, len(same), len(differences))
+            progress("drives simulated again", done, len(held), len(differences))
     return len(chosen), differences
+
+
+def _draw(run: Resolved, plan: Planner, share: float) -> list[Case]:
+    """A share of a run's cases, drawn by its seed: at least one of each role in each scenario."""
+    stream = random_stream(run.settings.seed, "verify")
+    drawn: list[Case] = []
+    for space in _spaces(run):
+        for stage in stages(space, plan):
+            cases = list(stage.cases)
+            picked = stream.permutation(len(cases))[: math.ceil(share * len(cases))]
+            drawn += [cases[index] for index in sorted(picked)]
+    return drawn
 
 
 def drive_again(cases: Sequence[Case], setup: Setup, store: Store) -> Iterator[tuple[Case, str]]:

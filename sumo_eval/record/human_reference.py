@@ -13,7 +13,7 @@ Users: `evaluation.py`, `scoring/confidence/drivers.py`, `scoring/drive_beside.p
 `scoring/likeness.py`, `scoring/steps.py`.
 """
 
-from collections.abc import Callable, Collection, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import replace
 from functools import cache
@@ -123,6 +123,11 @@ _RECORDS = {
 """Classes of the records that are kept, by name, for `decoded`."""
 
 
+_Name = tuple[Kind, str | tuple[str, ...]]
+"""Name of a result: its kind and owner. D_i (`index`) and D_i without drivers (`left_out`) belong
+to a case, a `band` to the drivers' cases at a point."""
+
+
 @contextmanager
 def point_processes(store: Store, workers: int) -> Iterator[Spread]:
     """Function that spreads the points of a run over processes, for `compute_points`, or computes
@@ -181,19 +186,20 @@ def compute_points(
         progress(done)
     if jobs and not missing:  # the cache had every result
         progress(done)
+    return _decoded(results)
+
+
+def _decoded(results: Mapping[_Name, bytes]) -> PointResults:
+    """Results from their kept form. New results are decoded like kept ones, so that both are equal
+    to the bit.
+    """
     records: dict[Kind, dict[Any, Any]] = {"index": {}, "left_out": {}, "band": {}}
-    # new results are decoded too, so that they equal kept ones to the bit
     for (kind, owner), data in results.items():
         records[kind][owner] = decoded(data, _RECORDS)
-    return PointResults(*records.values())
+    return PointResults(records["index"], records["left_out"], records["band"])
 
 
 # --- what is kept ---------------------------------------------------------------------------------
-
-
-_Name = tuple[Kind, str | tuple[str, ...]]
-"""Name of a result: its kind and owner. D_i (`index`) and D_i without drivers (`left_out`) belong
-to a case, a `band` to the drivers' cases at a point."""
 
 
 def _keys(

@@ -311,15 +311,8 @@ class Recorder:
                 self._note_files(outcomes)
                 ended = Counter[str]()
                 for outcome in outcomes:
-                    case = outcome.case
-                    name = names[case.concrete.scenario, case.role]
-                    keeps_state = outcome.alone is not None and outcome.alone.why == "keeps_state"
-                    # A case that was driven in a batch before its ADS was found to keep state is
-                    # recorded and counted already: this outcome replaces that one.
-                    replaces = keeps_state and self.store.holds(case)
-                    if replaces:
-                        self.store.remove([case.key])
-                    ended[name] += not replaces
+                    name = names[outcome.case.concrete.scenario, outcome.case.role]
+                    ended[name] += not self._replaces(outcome)
                     failed[name] += outcome.status not in EVALUATED
                 self.store.add(*outcomes)
                 done.update(ended)
@@ -330,6 +323,17 @@ class Recorder:
                 self.check()
                 raise RuntimeError(f"{name}: {total - done[name]} of {total} cases were lost")
             show(name)
+
+    def _replaces(self, outcome: Outcome) -> bool:
+        """Whether an outcome replaces a recorded one, which is then removed: its case was driven in
+        a batch before its ADS was found to keep state.
+        """
+        case = outcome.case
+        keeps_state = outcome.alone is not None and outcome.alone.why == "keeps_state"
+        if not keeps_state or not self.store.holds(case):
+            return False
+        self.store.remove([case.key])
+        return True
 
     def _note_files(self, outcomes: Sequence[Outcome]) -> None:
         """Record which files the processes of users' ADSs have read."""

@@ -174,14 +174,18 @@ def _simulate_together(cases: Sequence[Case], setup: Setup) -> Iterable[Recordin
         # cases run alone.
         drew = _states_of_global_generators() != before
         return [Alone("draws")] * len(cases) if drew else _with_no_return(drives, cases, setup)
-    # `drives` are those of the whole block; `cases` are the cases of it that the run wants. The
-    # clip notes the block's size, as `requested` and as `applied`.
-    size = Clip(IN_BLOCK, 1, 0.0, float(len(drives)), float(len(drives)))
-    sized = [
-        drive if isinstance(drive, Alone) else replace(drive, clips=(*drive.clips, size))
-        for drive in (drives[case.point - block.first] for case in cases)
+    # `drives` are those of the whole block; `cases` are the cases of it that the run wants
+    wanted = [drives[case.point - block.first] for case in cases]
+    return _with_no_return(_marked(wanted, len(drives)), cases, setup)
+
+
+def _marked(drives: Iterable[Recording | Alone], block_size: int) -> list[Recording | Alone]:
+    """Drives of a block, each with the clip `IN_BLOCK`, which notes the number of its cases."""
+    mark = Clip(IN_BLOCK, 1, 0.0, requested=float(block_size), applied=float(block_size))
+    return [
+        drive if isinstance(drive, Alone) else replace(drive, clips=(*drive.clips, mark))
+        for drive in drives
     ]
-    return _with_no_return(sized, cases, setup)
 
 
 def _with_no_return(
