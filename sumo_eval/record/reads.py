@@ -27,7 +27,7 @@ from collections.abc import Collection, Iterable
 from contextlib import suppress
 from os.path import abspath, dirname, exists, join, realpath
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 from urllib.parse import unquote
 
 from sumo_eval.errors import InputError
@@ -55,9 +55,22 @@ File = tuple[str, str]
 """Path and hash; the path is relative to the evaluation's folder if the file is below it."""
 FileOfAds = tuple[str, str, str]
 """Locator of an ADS, path and hash."""
-State = tuple[int, int, int, int] | None
-"""Time of the last change, size, inode and mode."""
-NEVER: State = (-1, -1, -1, -1)
+
+
+class State(NamedTuple):
+    """State of a file, by which a change of its content is noticed.
+
+    changed: time of the last change, ns.
+    size: bytes.
+    """
+
+    changed: int
+    size: int
+    inode: int
+    mode: int
+
+
+NEVER = State(-1, -1, -1, -1)
 """State of a file that has not been seen yet."""
 
 
@@ -73,9 +86,11 @@ class _Watch:
         self.folder = str(folder)
         self._roots: set[str] = set()  # folders below which files count
         self._add_root(self.folder)
-        self._states: dict[str, State] = {}  # of files when they were read
+        # of files when they were read; None: there was no file
+        self._states: dict[str, State | None] = {}
         self._written: set[str] = set()
-        self._open_for_both: dict[str, State] = {}  # of files when they were opened
+        # of files when they were opened for reading and writing
+        self._open_for_both: dict[str, State | None] = {}
         self._known: dict[File, None] = {}  # all files noted so far, in order
         self._reported = 0  # number of these that are reported
         self._modules = 0  # number of loaded modules at the last look
@@ -128,8 +143,8 @@ class _Watch:
         if path.endswith(_PYTHON):
             self._add_root(dirname(path))
             self._add_root(dirname(realpath(path)))  # of a link to it
-        # `state[0]`: time of the last change, ns
-        self._note(path, digest if state is None or state[0] <= since * 1e9 else UNKNOWN)
+        loaded = state is None or state.changed <= since * 1e9
+        self._note(path, digest if loaded else UNKNOWN)
 
     def write(self, path: str) -> None:
         """Note that a file is written: its content does not count."""
@@ -285,23 +300,23 @@ def _installed_places() -> tuple[str, ...]:
 _INSTALLED = _installed_places()
 
 
-def _state(path: str) -> State:
-    """State of a file, by which a change of its content is noticed; None: no such file exists."""
+def _state(path: str) -> State | None:
+    """State of a file; None: no such file exists."""
     try:
         status = os.stat(path)
     except (OSError, ValueError):
         return None
-    return status.st_mtime_ns, status.st_size, status.st_ino, status.st_mode
+    return State(status.st_mtime_ns, status.st_size, status.st_ino, status.st_mode)
 
 
-def content(path: str, state: State) -> str | None:
+def content(path: str, state: State | None) -> str | None:
     """A hash of a file's content; None for anything that is not a regular file."""
     if state is None:
         return ABSENT
-    if not stat.S_ISREG(state[3]):
+    if not stat.S_ISREG(state.mode):
         return None
-    if state[1] > _HASHED_WHOLE:
-        return f"{state[1]} bytes, {state[0]}"
+    if state.size > _HASHED_WHOLE:
+        return f"{state.size} bytes, {state.changed}"
     try:
         with open(path, "rb") as file:
             return hashlib.file_digest(file, "sha256").hexdigest()

@@ -258,9 +258,9 @@ class Store:
             raise self._lacking(case)
 
     def _check_hash(self, fact: Row, circumstance: Row, drives: Sequence[tuple[str, Any]]) -> None:
-        if not all(isinstance(data, bytes) for _, data in drives) or circumstance[-1] != _hash(
-            fact, circumstance[:-1], drives
-        ):
+        *values, digest = circumstance
+        whole = all(isinstance(data, bytes) for _, data in drives)
+        if not whole or digest != _hash(fact, values, drives):
             raise InputError(
                 f"Case `{fact[0]}` in {self.path} is not as it was recorded: its row or a "
                 f"trajectory of it was changed or damaged. {FIX}"
@@ -337,13 +337,16 @@ class Store:
             for fact in self._read(
                 'SELECT * FROM facts WHERE "case" IN (SELECT "case" FROM trajectories)'
             ):
-                if stays(fact[1], fact[2]):
+                case, scenario, point = fact[:3]
+                if stays(scenario, point):
                     continue
-                circumstance = self._first('SELECT * FROM circumstances WHERE "case" = ?', fact[0])
-                write("INSERT OR IGNORE INTO let_go VALUES (?,?)", (fact[0], circumstance[-1]))
+                *circumstance, digest = self._first(
+                    'SELECT * FROM circumstances WHERE "case" = ?', case
+                )
+                write("INSERT OR IGNORE INTO let_go VALUES (?,?)", (case, digest))
                 write(
                     'UPDATE circumstances SET hash = ? WHERE "case" = ?',
-                    (_hash(fact, circumstance[:-1], ()), fact[0]),
+                    (_hash(fact, circumstance, ()), case),
                 )
                 cases += 1
             to_discard = 'FROM trajectories WHERE "case" IN (SELECT "case" FROM let_go)'

@@ -308,9 +308,9 @@ def _fitted_to_any(
         refusals += of_kind
     # mistakes in a part of the value say more than the kinds' demands on the whole
     inside = [mistake for mistake in refusals if mistake.place != place]
-    demands = dict.fromkeys(mistake.demand for mistake in refusals)
+    demand = " or ".join(dict.fromkeys(mistake.demand for mistake in refusals))
     choices = [choice for kind in rule.inner for choice in kind.choices]
-    mistakes += inside or [_wrong(place, " or ".join(demands), value, choices)]
+    mistakes += inside or [_wrong(place, demand, value, choices)]
     return value
 
 

@@ -173,20 +173,27 @@ def with_changes(settings: EvaluationSettings, changes: Sequence[str]) -> Evalua
             value = toml_from(f"value = {text}", f"`--set {shown(change)}`")["value"]
         except InputError:  # `--set report.reference=mine`: text needs no quotes
             value = text
-        *parents, last = path.strip().split(".")
-        place: Any = content
-        for index, name in enumerate(parents):
-            table = place if isinstance(place, dict) else {}
-            if name not in table:
-                raise InputError(
-                    f"Unknown setting `{'.'.join(parents[: index + 1])}`."
-                    f"{did_you_mean(name, table)}"
-                )
-            place = table[name]
-        if not isinstance(place, dict):
-            raise InputError(f"Unknown setting `{path.strip()}`.")
-        place[last] = value
+        *tables, key = path.strip().split(".")
+        _table_at(content, tables, path.strip())[key] = value
     return settings_from(content, "--set")
+
+
+def _table_at(content: dict[str, Any], names: Sequence[str], path: str) -> dict[str, Any]:
+    """The table of plain settings that names lead to, one in the other.
+
+    path: of the key that is sought in it, for errors.
+    """
+    table: Any = content
+    for index, name in enumerate(names):
+        known = table if isinstance(table, dict) else {}
+        if name not in known:
+            raise InputError(
+                f"Unknown setting `{'.'.join(names[: index + 1])}`.{did_you_mean(name, known)}"
+            )
+        table = known[name]
+    if not isinstance(table, dict):
+        raise InputError(f"Unknown setting `{path}`.")
+    return table
 
 
 def to_plain(settings: EvaluationSettings) -> dict[str, Any]:
