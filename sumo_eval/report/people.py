@@ -77,8 +77,8 @@ def people_rows(evaluation: Evaluation) -> list[Json]:
     return [
         {
             "of": band,
-            # `band.drivers`: fewest and most of a case, or empty. Becomes `3–10`, `10` where both
-            # are equal (`dict.fromkeys` keeps one of them), `no` where empty
+            # Fewest and most drivers of a case: `3–10`; `10` where both are equal, as
+            # `dict.fromkeys` drops the second; `no` without any.
             "drivers": f"{'–'.join(dict.fromkeys(map(str, band.drivers))) or 'no'} a case",
             "recorded": f"{percent(band.recorded)} recorded",
             "warnings": [

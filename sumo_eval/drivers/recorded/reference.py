@@ -213,8 +213,8 @@ def _aligned(
     """
     rows = track[track["t"] >= start - 1e-6]
     x = rows["x"] - rows["x"].iloc[0] + concrete.ego.x
-    # up to the first sample past the road's end, that one included
-    kept = x.cummax().shift(fill_value=-np.inf) < concrete.road.length
+    # a sample belongs to the drive while all samples before it are on the road
+    on_road = x.cummax().shift(fill_value=-np.inf) < concrete.road.length
     recording = rows["recording"].iloc[0]
     lane = rows["lane"].iloc[0]
     centre = people.centres[recording, lane]
@@ -225,7 +225,7 @@ def _aligned(
     y = concrete.ego.y + stretch * (rows["y"] - centre)
     moved = rows.assign(t=rows["t"] - rows["t"].iloc[0], x=x, y=y)
     body = {name: float(rows[name].iloc[0]) for name in ("length", "width")}
-    return _trajectory(moved[kept], **body)
+    return _trajectory(moved[on_road], **body)
 
 
 def _trajectory(rows: DataFrame, **body: float) -> Trajectory:

@@ -177,8 +177,9 @@ def unread(kind: str, names: Iterable[object], known: Sequence[str], path: Path)
 
 
 def in_order(table: DataFrame) -> tuple[DataFrame, list[str]]:
-    """The samples by vehicle and time, tracks split where they jump, and notes on both: samples
-    are left out whose time a vehicle has twice.
+    """The samples by vehicle and time, and notes.
+
+    Of samples of a vehicle at one time the first stays. A track is split where it jumps.
     """
     keys = ["recording", "vehicle", "t"]
     rows = table.sort_values(keys, kind="stable", ignore_index=True)
@@ -186,7 +187,7 @@ def in_order(table: DataFrame) -> tuple[DataFrame, list[str]]:
     rows = rows[~double].reset_index(drop=True)
     track = [rows[name] for name in keys[:2]]
     moved, seconds = _steps(rows)
-    usual = (moved / seconds).groupby(track).transform("median")
+    usual = (moved / seconds).groupby(track).transform("median")  # speed of the track, m/s
     jump = moved > JUMP + np.maximum(JUMP_SPEED, 3.0 * usual) * seconds
     rows["vehicle"] = numbered(rows["vehicle"], jump.groupby(track).cumsum())
     counted = {
