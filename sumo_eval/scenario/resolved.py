@@ -79,7 +79,4 @@ def refuse_doubles(names: Sequence[str]) -> None:
     """Raise InputError for two scenarios of one name: keys of cases begin with it."""
     for name in names:
         if names.count(name) > 1:
-            raise InputError(
-                f"Logical scenarios of one evaluation must differ in their names, got `{name}` "
-                "twice."
-            )
+            raise InputError(f"Logical scenarios must differ in their names, got `{name}` twice.")

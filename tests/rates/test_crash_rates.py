@@ -13,6 +13,7 @@ from sumo_eval.extras.rates.campaign import EncounterSpace, part_of, summed
 from sumo_eval.extras.rates.campaign_page import lost_words, unseen_words
 from sumo_eval.extras.rates.exposure import normalised_exposure
 from sumo_eval.extras.rates.importance import DEFENSIVE, RareEvents, estimated
+from sumo_eval.scenario.shipped_files import scenario_files
 
 FILE = """
 name = "two drivers"
@@ -163,6 +164,15 @@ def test_a_scenario_without_a_frequency_is_refused(tmp_path):
     file.write_text(FILE.replace("per_km = 0.2\n", ""))
     result = sumo_eval(f"campaign {file} --out {tmp_path}/out", status=2)
     assert "Scenario `front_vehicle_low_speed` needs an encounter rate" in result.said
+
+
+def test_two_scenarios_of_one_name_are_refused(tmp_path):
+    shipped = scenario_files()["front_vehicle_low_speed"]
+    (tmp_path / "own.toml").write_text(shipped.read_text())
+    file = tmp_path / "campaign.toml"
+    file.write_text(FILE + '[[scenario]]\nuse = "own.toml"\nper_km = 0.1\n')
+    result = sumo_eval(f"campaign {file} --out {tmp_path}/out", status=2)
+    assert "must differ in their names, got `front_vehicle_low_speed` twice" in result.said
 
 
 def test_drives_that_could_not_be_evaluated_are_listed_by_reason():

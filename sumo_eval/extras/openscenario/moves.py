@@ -371,7 +371,7 @@ class Moves:
                 "a speed relative to another's is not supported of an oncoming vehicle on a curve"
             )
         span = self._add(entity, begin, Act(MATCH, table=table), NEVER)
-        # `played` follows another vehicle in acts with a condition only: a time becomes a condition
+        # after every step `played` looks only at acts with a condition: a time becomes a condition
         if begin.known:
             entity.acts[-1] = entity.acts[-1]._replace(begin=0.0, program=from_time(begin.time))
         return span

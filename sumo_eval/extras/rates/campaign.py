@@ -39,7 +39,7 @@ from sumo_eval.frozen import frozen
 from sumo_eval.method.collision_avoidance import collision_loss, impact_severity
 from sumo_eval.record.store import Fact
 from sumo_eval.scenario.logical import LogicalScenario, Occurrence
-from sumo_eval.scenario.resolved import find_with
+from sumo_eval.scenario.resolved import find_with, refuse_doubles
 from sumo_eval.settings import AdsSettings, RunSettings, SimulationSettings
 from sumo_eval.settings.checked import (
     About,
@@ -182,7 +182,7 @@ def spaces_of(settings: CampaignSettings, folder: Path) -> tuple[EncounterSpace,
     """The scenarios of a campaign.
 
     folder: where relative paths start.
-    Raises InputError for a scenario without a rate of encounters.
+    Raises InputError for a scenario without a rate of encounters, and for two of one name.
     """
     spaces = []
     for item in settings.scenario:
@@ -197,9 +197,10 @@ def spaces_of(settings: CampaignSettings, folder: Path) -> tuple[EncounterSpace,
                 f"Scenario `{item.use}` needs an encounter rate: [met] with events in its file, "
                 "or `per_km` in its [[scenario]]."
             )
-        spaces.append(
-            EncounterSpace(item.use, logical, normalised_exposure(logical), per_km, counted)
-        )
+        exposure = normalised_exposure(logical)
+        spaces.append(EncounterSpace(item.use, logical, exposure, per_km, counted))
+    # two of one name would have the same random numbers, and take each other's kept drives
+    refuse_doubles([space.logical.name for space in spaces])
     return tuple(spaces)
 
 

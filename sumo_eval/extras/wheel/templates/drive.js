@@ -206,7 +206,8 @@ const sumoDrive = (() => {
   class Drive {
     constructor(view) {
       this.view = view;
-      this.state = null; // the latest, as `seat.state_of` makes it
+      // the latest, as `seat.state_of` makes it: [number of the step, time, number of the answered input, ego, actors]
+      this.state = null;
       this.arrived = 0; // when it did, ms
       this.held = true; // nothing moves, until the countdown is over
       this.number = 0; // of the latest input
