@@ -14,7 +14,7 @@ Users: `cosim/simulation.py`.
 from collections.abc import Sequence
 from contextlib import suppress
 from math import cos
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -36,6 +36,18 @@ _TOLERANCE_IN_A_CURVE = 0.1
 # is more, the vehicle has turned within the step
 _TURNED = 0.02
 _ITS_OWN_SPEED_MODE = 31  # bits 0 to 4, SUMO's default: all checks of its model are on
+
+
+class _Vehicles(NamedTuple):
+    """Some vehicles of a world, by their numbers: records of all egos and actors, now or before."""
+
+    egos: Any
+    others: Any
+    number: IntArray
+
+    def field(self, name: str) -> FloatArray:
+        """A field of these vehicles, in the order of `number`."""
+        return np.column_stack([self.egos[name], self.others[name]]).ravel()[self.number]
 
 
 class Traffic(Stage):
@@ -161,52 +173,55 @@ class Traffic(Stage):
             return
         received = world.tell[:count]
         number = received[:, 0].astype(np.intp)
-        calls = self.calls
-
-        now, before = (world.egos, world.others), (world.egos["before"], world.others["before"])
-
-        def of_all(state: tuple[Any, Any], name: str) -> FloatArray:
-            """A field of the vehicles that SUMO receives, in the order of `received`."""
-            egos, others = state
-            return np.column_stack([egos[name], others[name]]).ravel()[number]
-
-        half = 0.5 * of_all(now, "length")
-        names = [self._flat[n] for n in number.tolist()]
+        now = _Vehicles(world.egos, world.others, number)
+        before = _Vehicles(world.egos["before"], world.others["before"], number)
         # of each vehicle at the step's end: position of its front along the lane, m, y of its
         # front, m, and speed along the road, m/s
         s, y, along = received[:, 5:].T
-        heading = of_all(now, "heading")
+        heading, half = now.field("heading"), 0.5 * now.field("length")
         self._meant = dict(zip(number.tolist(), s.tolist(), strict=True))
-        # m/s, the speed that SUMO received last; of a vehicle without one, this step's
-        last = [self._received_speeds.get(name, v) for name, v in zip(names, along, strict=True)]
-        # m, position of the front at the step's start: SUMO's step moves a vehicle by the mean of
-        # both speeds
-        begin = s - 0.5 * (np.array(last) + along) * self._step
-        if not self._bent:
-            was = of_all(before, "x") + half * np.cos(of_all(before, "heading"))
-            # exactly where it was, unless it turns within the step
-            begin = np.where(np.abs(was - begin) > _TURNED, begin, was)
+        names = [self._flat[n] for n in number.tolist()]
+        begin = self._begins(names, before, half, s, along)
         on_lanes = self._on_lanes_from(number, begin, y, heading)
         # `moveTo` leads no vehicle that was beside the lanes back to its last lane: put such a
         # vehicle on the map
         for k in np.flatnonzero(on_lanes).tolist():
-            on_lanes[k] = names[k] in self._received_speeds or calls.getLaneIndex(names[k]) >= 0
+            name = names[k]
+            on_lanes[k] = name in self._received_speeds or self.calls.getLaneIndex(name) >= 0
         lane = lanes_at(self._road, y)
         # m, half the extent of each body across the road
-        across = 0.5 * of_all(now, "width") * np.abs(np.cos(heading))
+        across = 0.5 * now.field("width") * np.abs(np.cos(heading))
         across += half * np.abs(np.sin(heading))
         over_line = world.settings.seen_over_line
-        shadow_lane = self._shadow_lanes(of_all(now, "y"), across, lane, over_line)
+        shadow_lane = self._shadow_lanes(now.field("y"), across, lane, over_line)
         shadow_lane[~(on_lanes & self._has_shadow[number])] = -1
         for vehicle, *motion in received[~on_lanes, :5].tolist():
             self._move(int(vehicle), *motion)
             self._hide_shadow(int(vehicle))
             self._received_speeds.pop(self._flat[int(vehicle)], None)  # it is on no lane
         along = np.maximum(along, 0.0)
-        speed_before = of_all(before, "speed")
-        columns = number, lane, shadow_lane, begin, y, along, speed_before
+        columns = number, lane, shadow_lane, begin, y, along, before.field("speed")
         for values in zip(*(column[on_lanes].tolist() for column in columns), strict=True):
             self._put_on_lane(*values)
+
+    def _begins(
+        self, names: Sequence[str], before: _Vehicles, half: FloatArray, s: FloatArray,
+        along: FloatArray,
+    ) -> FloatArray:  # fmt: skip
+        """Positions of the fronts along the lanes, m, from which SUMO's step leads to `s`.
+
+        half: half the length of each body, m.
+        s, along: position, m, and speed along the road, m/s, at the step's end.
+        """
+        # m/s, the speed that SUMO received last; of a vehicle without one, this step's
+        last = [self._received_speeds.get(name, v) for name, v in zip(names, along, strict=True)]
+        # SUMO's step moves a vehicle by the mean of both speeds
+        begin = s - 0.5 * (np.array(last) + along) * self._step
+        if self._bent:
+            return begin
+        was = before.field("x") + half * np.cos(before.field("heading"))
+        # exactly where the front was, unless the vehicle turns within the step
+        return np.where(np.abs(was - begin) > _TURNED, begin, was)
 
     def _on_lanes_from(
         self, number: IntArray, begin: FloatArray, y: FloatArray, heading: FloatArray
