@@ -2,7 +2,7 @@
 lane: `idm`, and those that overtake. A rule that decides on the pedals alone changes lanes at the
 fixed place (`lane_change.lane_kept`).
 
-Arguments of all functions here:
+Arguments of the functions here:
 
 path: the ego's `lane_change.PATH`; its offset is 0 until the change has begun.
 way: the requested lane change, `EGO["way"]` of `cosim.records`.

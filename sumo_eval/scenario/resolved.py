@@ -68,7 +68,7 @@ def find_with(vehicle: VehicleSettings, use: str, folder: Path) -> LogicalScenar
     logical = catalogue.find(use, folder)
     length = vehicle.length
     place = logical.place
-    # a user's function `place` (not a `Placement`) decides on its gaps itself
+    # any other function `place` than a scenario file's `Placement` decides on gaps itself
     if logical.ego_body or length == STANDARD_EGO.length or not isinstance(place, Placement):
         return logical
     ego = replace(place.ego, length=length, width=vehicle.width)

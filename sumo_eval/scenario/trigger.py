@@ -70,7 +70,7 @@ def trigger(text: str, owner: str, names: Names, *, departs: bool) -> list[Step]
     """
     tree = parsed(text, f"Condition `{text[:200]}` of {owner}")
     steps = _Writer(text, owner, names, departs).steps(tree, condition=True)
-    # any bound will do: each step of a drive executes all of them
+    # a bound on the work: every step of a drive executes all of them
     if len(steps) > 4 * played.DEEPEST:
         raise InputError(f"Condition `{text[:200]}` of {owner} is too long.")
     return steps

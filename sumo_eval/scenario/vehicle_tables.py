@@ -153,7 +153,7 @@ class EgoTable(Checked):
                 f"below the ego's speed {ego.speed:g} m/s",
                 ego.lateral_speed,
             )
-        if self.goal_lane is None or self.change_from is None:  # `check` allows one only with both
+        if self.goal_lane is None or self.change_from is None:  # after `check` both are, or neither
             return ego
         return replace(ego, way=self._way(self.goal_lane, self.change_from, ego.y, road, owner))
 

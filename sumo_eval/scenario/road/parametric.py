@@ -61,8 +61,8 @@ class Cubic:
 
 
 def pieces_along(cubic: Cubic, length: float, owner: str) -> list[Piece]:
-    """Pieces along a cubic, within `NEAR` of it. Each turns exactly as far as its part of the
-    cubic.
+    """Pieces along a cubic, within `NEAR` of it, apart from the stretch. Each turns exactly as far
+    as its part of the cubic.
 
     length: in the file, m. The pieces are stretched to it from the cubic's own length, so that
         places along the road keep their s.
