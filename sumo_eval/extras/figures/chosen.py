@@ -62,9 +62,9 @@ class FigureRequest(NamedTuple):
     @property
     def names(self) -> list[str]:
         """Names of the ADSs: that of the request, else all."""
-        known = [entry.name for entry in self.evaluation.settings.ads]
-        names = known if self.ads is None else [self.ads]
-        check_known("ADS", known, *names)
+        all_names = [entry.name for entry in self.evaluation.settings.ads]
+        names = all_names if self.ads is None else [self.ads]
+        check_known("ADS", all_names, *names)
         return names
 
     @property

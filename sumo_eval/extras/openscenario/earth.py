@@ -69,12 +69,12 @@ def _projection(position: Node, reference: Node | None) -> dict[str, float]:
     reference: <geoReference> of the map; None: it has none.
     """
     text = "" if reference is None else str(reference.element.text)
-    given = dict(_PART.findall(text))
+    parts = dict(_PART.findall(text))
     it: dict[str, Any] = {"k": 1.0}
     it |= dict.fromkeys(("x_0", "y_0", "lat_0", "lon_0", "k_0", "zone"), 0.0)
     # PROJ reads `32N` (a zone) and `49N` (a latitude) as numbers, too
-    written = {name: number_of(given[name].removesuffix("N")) for name in it if name in given}
-    kind = given.get("proj"), given.get("units", "m")
+    written = {name: number_of(parts[name].removesuffix("N")) for name in it if name in parts}
+    kind = parts.get("proj"), parts.get("units", "m")
     utm = kind == ("utm", "m") and written.get("zone") in range(1, 61)
     if not (utm or kind == ("tmerc", "m")) or None in written.values() or _ELSEWHERE.search(text):
         raise position.fault(

@@ -423,14 +423,14 @@ class Conditions:
 
     def _of_entity(self, element: Node, entity: Entity) -> Truth:
         """A condition on one entity; element: child of <EntityCondition>."""
-        known = {
+        readers = {
             "RelativeDistanceCondition": self._distance, "DistanceCondition": self._distance,
             "ReachPositionCondition": self._reach, "TimeHeadwayCondition": self._headway,
             "TimeToCollisionCondition": self._to_collision, "SpeedCondition": self._speed,
             "RelativeSpeedCondition": self._speed,
             "TraveledDistanceCondition": self._travelled,
         }  # fmt: skip
-        number, limit = element.chosen(known, "conditions on an entity")(element, entity)
+        number, limit = element.chosen(readers, "conditions on an entity")(element, entity)
         # the rule of kinds without the attribute `rule`
         default = {
             "TraveledDistanceCondition": "greaterOrEqual", "ReachPositionCondition": "lessOrEqual"

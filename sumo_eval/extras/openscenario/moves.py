@@ -171,13 +171,13 @@ class Moves:
             return Span(moment, moment.time)
         if element.tag in ("LongitudinalAction", "LateralAction", "RoutingAction"):
             element = element.only()
-        known = {
+        readers = {
             "SpeedAction": self._speed, "LaneChangeAction": self._lane_change,
             "LaneOffsetAction": self._lane_offset, "LongitudinalDistanceAction": self._distance,
             "FollowTrajectoryAction": self._follow, "SynchronizeAction": self._synchronize,
         }  # fmt: skip
         move = entity.next_move
-        span = element.chosen(known, "moves")(element, entity, moment)
+        span = element.chosen(readers, "moves")(element, entity, moment)
         # Where the action became no act, the entity's next act gets the number `move`. Plans that
         # this action noted under this number, the last item of `reads`, must not count as that
         # act's own.

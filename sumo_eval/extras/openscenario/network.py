@@ -165,10 +165,10 @@ class Network:
         try:
             return road.lanes[float(number)]
         except (KeyError, ValueError):
-            known = ", ".join(f"{it:g}" for it in road.lanes)
+            numbers = ", ".join(f"{it:g}" for it in road.lanes)
             raise element.fault(
                 f"lane `{number}` is not on road `{road.name}` of {self.path.name}, which has "
-                f"{known}"
+                f"{numbers}"
             ) from None
 
 

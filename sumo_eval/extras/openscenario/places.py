@@ -262,7 +262,7 @@ class Places:
     def spot(self, position: Node) -> Spot:
         """The place that a <Position>, or another element with one of its kinds, gives."""
         kind = position.only()
-        known = {
+        readers = {
             "LanePosition": self._lane, "RelativeLanePosition": self._relative_lane,
             "RoadPosition": self._road,
             "RelativeRoadPosition": self._relative_road,
@@ -271,7 +271,7 @@ class Places:
             "WorldPosition": self._world, "RelativeWorldPosition": self._relative_world,
             "GeoPosition": self._geo,
         }  # fmt: skip
-        spot = kind.chosen(known, "positions")(kind)
+        spot = kind.chosen(readers, "positions")(kind)
         if any(kind.number(name, 0.0) for name in ("z", "dz", "altitude", "height")):
             self.ignored["heights of positions"] = None
         # a WorldPosition has its angles itself, all others have them in an <Orientation>
@@ -370,8 +370,8 @@ class Places:
         if element.flag("closed"):
             raise element.fault("a closed trajectory is not supported")
         shape = element.child("Shape").only()
-        known = {"Polyline": self._polyline, "ClothoidSpline": self._spline}
-        return shape.chosen(known, "shapes")(shape)
+        readers = {"Polyline": self._polyline, "ClothoidSpline": self._spline}
+        return shape.chosen(readers, "shapes")(shape)
 
     def followed(self, action: Node) -> MapPath:
         """The trajectory of a FollowTrajectoryAction."""

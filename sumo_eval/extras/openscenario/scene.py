@@ -152,12 +152,12 @@ def _names_around(element: Any) -> set[str]:
 
 def distinct(names: Iterable[str], *taken: str) -> list[str]:
     """The names, each with `_` appended until it differs from earlier and taken names."""
-    known = [*taken]
+    names_so_far = [*taken]
     for name in names:
-        while name in known:
+        while name in names_so_far:
             name += "_"
-        known.append(name)
-    return known[len(taken) :]
+        names_so_far.append(name)
+    return names_so_far[len(taken) :]
 
 
 def _along_line(act: Act, ground: float) -> Act:

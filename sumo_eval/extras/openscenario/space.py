@@ -190,13 +190,13 @@ def read_space(path: Path, options: FileOptions) -> FileSpace:
             f"{file.name} must be a scenario file, it is a distribution itself"
         )
     axes = tuple(axes_of(distribution))
-    known = [part.parameter("name") for part in scenario.all("ParameterDeclarations/*")]
+    declared = [part.parameter("name") for part in scenario.all("ParameterDeclarations/*")]
     names = []
     for name in itertools.chain.from_iterable(axis.names for axis in axes):
         if name in names:
             raise distribution.fault(f"parameter `{name}` is given by more than one distribution")
-        if name not in known:
-            near = did_you_mean(name, known)
+        if name not in declared:
+            near = did_you_mean(name, declared)
             raise distribution.fault(f"parameter `{name}` is not declared in {file.name}.{near}")
         names.append(name)
     # makes an axis with one value a fixed assignment
@@ -210,13 +210,13 @@ def axes_of(distribution: Node) -> Iterator[Axis]:
     ]
     if len(kinds) != 1:
         raise distribution.fault("it must be either <Deterministic> or <Stochastic>")
-    known = {
+    readers = {
         "DeterministicSingleParameterDistribution": _single,
         "DeterministicMultiParameterDistribution": _together,
         "StochasticDistribution": _drawn,
     }
     for part in kinds[0].children():
-        yield part.chosen(known, "distributions")(part)
+        yield part.chosen(readers, "distributions")(part)
 
 
 def _single(element: Node) -> Axis:

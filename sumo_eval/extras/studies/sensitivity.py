@@ -99,10 +99,10 @@ def sensitivity(
 
     Raises InputError for any other constant.
     """
-    known = (*_SETTING_OF, "a")
-    check_known("constant of the sensitivity", known, *constants)
+    names = (*_SETTING_OF, "a")
+    check_known("constant of the sensitivity", names, *constants)
     base = score(run, [_COARSE_BANDS])
-    chosen = constants or [name for name in known if name != "k3" or _k3_counts(base.settings)]
+    chosen = constants or [name for name in names if name != "k3" or _k3_counts(base.settings)]
     variants = _variants(run, base, [name for name in _SETTING_OF if name in chosen], progress)
     rows: list[SensitivityRow] = []
     for scenario in dict.fromkeys(result.scenario for result in base.scores):

@@ -147,5 +147,5 @@ def _refuse_another(store: Store, study: str, resume: bool) -> None:
     holds = f"{store.path.parent} holds a study that was stopped"
     if not resume:
         raise InputError(f"{holds}; --resume continues it.")
-    if (kept := store.noted("study")) != study:
-        raise InputError(f"{holds}, `{kept}`; `{study}` needs another folder.")
+    if (noted := store.noted("study")) != study:
+        raise InputError(f"{holds}, `{noted}`; `{study}` needs another folder.")
