@@ -207,6 +207,35 @@ def test_a_policy_over_arrays_receives_kinds_as_numbers():
     assert sorted(zip(*told[0], strict=True)) == [(1.6, [4], [4.0, -1.0]), (4.5, [0], [0.0, -1.0])]
 
 
+def first_features(concrete, names, **absent):
+    """Values of features at the first step of a drive."""
+    table = Interface(tuple(Feature(it, **absent) for it in names), (Action("acceleration"),))
+    shown = []
+
+    class Policy:
+        batch = True
+
+        def act(self, seen):
+            shown.extend(table.show(seen).tolist())
+            return np.zeros(len(seen.number))
+
+    assert simulate(concrete, Policy(), SimulationSettings(time_limit=0.1)).error is None
+    return shown[0]
+
+
+def test_features_without_their_vehicle_have_the_stated_values():
+    """An ego of 20 m/s beside one car, without a lead and without a second vehicle; then with a
+    standing lead in a gap of 60 m."""
+    of_lead = ["lead.gap", "lead.relative_speed", "lead.speed", "lead.offset"]
+    names = [*of_lead, "vehicles.2.x", "vehicles.2.speed"]
+    aside = case(Actor("aside", Start(100.0, 3.5, 10.0)))
+    assert first_features(aside, names) == [1000.0, 0.0, 20.0, 0.0, 1000.0, 0.0]
+    assert first_features(aside, names, absent=-7.0) == [-7.0] * 6
+    assert first_features(case(lead(60.0)), of_lead, absent=-7.0) == [60.0, -20.0, 0.0, 0.0]
+    with refusal("`vehicles.2.present` must have no `absent`"):
+        Feature("vehicles.2.present", absent=-1.0)
+
+
 def test_the_second_lead_is_the_next_one_ahead_in_the_strip():
     seen = look(car(150.0), car(90.0, 3.5), car(84.5), car(110.0))
     assert seen.lead.x == 84.5

@@ -14,7 +14,9 @@ from refusals import refusal
 
 import sumo_eval.gym
 from sumo_eval.cosim import simulate, simulate_many
+from sumo_eval.cosim.doors import features
 from sumo_eval.cosim.doors.controller import find_controller, load_controller
+from sumo_eval.cosim.doors.features import read_interface
 from sumo_eval.errors import ControllerError
 from sumo_eval.gym import Action, Feature, Interface, usual
 from sumo_eval.record.identity import locator_identity
@@ -194,6 +196,12 @@ def test_its_identity_holds_external_weights_of_any_name(tmp_path):
         (tmp_path / "w.bin").write_bytes((tmp_path / "w.bin").read_bytes()[::-1])
     assert seen[0] != seen[1]
     assert "w.bin" in str(seen[0])
+
+
+def test_the_example_at_the_top_of_the_tables_file_is_a_table(tmp_path):
+    lines = [line[4:] for line in features.__doc__.splitlines() if line.startswith("    ")]
+    (tmp_path / "policy.toml").write_text("\n".join(lines))
+    assert read_interface(tmp_path / "policy.toml").actions[0].high == 3.0
 
 
 def test_what_cannot_be_used_is_refused(tmp_path):

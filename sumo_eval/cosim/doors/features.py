@@ -11,11 +11,14 @@
     name = "acceleration"               # or "steering": steering wheel angle, rad
     low = -8.0                          # the policy's -1..1 is mapped onto low..high
     high = 3.0
-    values = [-8.0, -2.0, 0.0, 2.0]     # or a discrete set: the best scored combination is taken
+    # values = [-8.0, 0.0, 2.0]         # instead of low and high: a discrete set, of which the
+                                        # best scored combination is taken
 
 A feature may have `mean` and `deviation` instead of the range: (value - mean) / deviation. A
 feature with neither, and an action without a range, are not scaled. `absent` replaces the value of
-a vehicle that does not exist; it is limited and scaled like any value.
+a vehicle that does not exist; it is limited and scaled like any value. Without `absent`, gap and x
+are 1000 m there, kind is -1, `lead.speed` is the ego's speed, and other values are 0. `present` is
+0 there and takes no `absent`.
 
 Names and scaling of features are a format: policies are trained with it.
 
@@ -54,7 +57,7 @@ NAMES = (
 """Names of features; `vehicles.1` is the nearest along the road, `vehicles.2` the next."""
 
 # Values of a vehicle that does not exist: distances, m, beyond any to which a policy reacts, and a
-# number that is no kind of vehicle. Every other value is 0.
+# number that is no kind of vehicle. Every other value is 0, but `lead.speed` is the ego's.
 _WHERE_ABSENT = {"gap": 1000.0, "x": 1000.0, "kind": -1.0}
 
 
@@ -64,8 +67,8 @@ class Feature(Checked):
 
     low, high: the value is limited to low..high and mapped onto -1..1.
     mean, deviation: the value is mapped onto (value - mean) / deviation.
-    absent: value if its vehicle does not exist, before limits and scaling; None: the value in
-        `_WHERE_ABSENT`, or 0.
+    absent: value if its vehicle does not exist, before limits and scaling; None: the ego's speed
+        for `lead.speed`, else the value in `_WHERE_ABSENT`, or 0. `present` takes none.
     """
 
     name: str
@@ -87,6 +90,11 @@ class Feature(Checked):
                 f"Feature `{self.name}` must have a range or a mean and a deviation, got both."
             )
         _reader(self.name)
+        if self.absent is not None and self.name.endswith(".present"):
+            raise InputError(
+                f"Feature `{self.name}` must have no `absent`, as it is 0 without a vehicle, got "
+                f"{self.absent:g}. Remove `absent`."
+            )
 
 
 @frozen
@@ -164,8 +172,11 @@ class Interface(Checked):
         """Reader of each feature, and its value if its vehicle does not exist."""
         readers = []
         for it in self.features:
-            default = _WHERE_ABSENT.get(it.name.rpartition(".")[2], 0.0)
-            readers.append((_reader(it.name), default if it.absent is None else it.absent))
+            read = _reader(it.name)
+            if it.absent is None:
+                readers.append((read, _WHERE_ABSENT.get(it.name.rpartition(".")[2], 0.0)))
+            else:
+                readers.append((_nan_without_lead(it.name, read), it.absent))
         return readers
 
     def show(self, seen: Observations) -> NDArray[np.float32]:
@@ -173,7 +184,7 @@ class Interface(Checked):
         raw = np.empty((len(seen.number), len(self.features)))
         for column, (read, absent) in enumerate(self._readers):
             value = read(seen, self.frame)
-            # readers give nan or inf for a vehicle that does not exist
+            # not finite: of a vehicle that does not exist, see `_reader`
             raw[:, column] = np.where(np.isfinite(value), value, absent)
         offset, scale, *limits = self._scaling
         np.clip(raw, *limits, out=raw)
@@ -265,7 +276,10 @@ def usual(*, steering: bool = False) -> Interface:
 
 
 def _reader(name: str) -> _Reader:
-    """Reader of a feature; it gives nan or inf for a vehicle that does not exist.
+    """Reader of a feature.
+
+    Without the vehicle, `lead.gap` is inf and every value of `vehicles.NUMBER` but `present` is
+    nan. All other values are finite: of the lead as `Observations.lead` gives them.
 
     name: `time`, `ego.VALUE`, `lead.VALUE` or `vehicles.NUMBER.VALUE`.
     """
@@ -279,6 +293,13 @@ def _reader(name: str) -> _Reader:
         index = int(number) - 1
         return lambda seen, frame: _of_vehicle(seen, frame, index, value)
     raise unknown("feature", name, NAMES)
+
+
+def _nan_without_lead(name: str, read: _Reader) -> _Reader:
+    """The reader of a feature, but of one of the lead with nan where there is no lead."""
+    if not name.startswith("lead."):
+        return read
+    return lambda seen, frame: np.where(seen.lead.present, read(seen, frame), np.nan)
 
 
 _UNGROUPED: Mapping[str, _Reader] = {
