@@ -61,7 +61,7 @@ def compare(
     """
     from sumo_eval.evaluation import refuse_to_score
     from sumo_eval.nightly.gates import judge
-    from sumo_eval.record.run_folder import give_what_is_own
+    from sumo_eval.record.run_folder import trust_own_runs
     from sumo_eval.report.assessed import write_assessed_report
     from sumo_eval.report.comparison_lines import comparison_lines
     from sumo_eval.report.gate_result import failed
@@ -71,7 +71,7 @@ def compare(
     from sumo_eval.scoring.gate_settings import read_gate
 
     settings = read_gate(gate)
-    give_what_is_own(base, new)  # trusts the ADS code of a run that this user recorded here
+    trust_own_runs(base, new)  # trusts the ADS code of a run that this user recorded here
     # a run that is incomplete or was changed is refused now: scoring the other may take hours
     for run in (base, new):
         refuse_to_score(run)

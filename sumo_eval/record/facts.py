@@ -365,7 +365,7 @@ def merge(shards: Sequence[Path], out: Path) -> Recorded:
     with run_folder.only_writer(out, resume=False), _filled_folder(out, run, _spaces(run)) as store:
         # The call also trusts the code of this user's own shards. The merged run is trusted only if
         # this user recorded every shard.
-        if run_folder.give_what_is_own(*shards):
+        if run_folder.trust_own_runs(*shards):
             remember(out, settings, run.source)
         for shard in sorted(folders):
             store.take_over(folders[shard] / run_folder.FACTS)

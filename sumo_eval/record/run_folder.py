@@ -190,7 +190,7 @@ def source_of(folder: Path) -> Path:
     return Path(read_manifest(folder)["source_folder"])
 
 
-def give_what_is_own(*runs: Path) -> bool:
+def trust_own_runs(*runs: Path) -> bool:
     """Trust the code of those runs that this user recorded here, also where another run names it.
 
     Returns whether this user recorded all of the runs.

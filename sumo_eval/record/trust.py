@@ -1,11 +1,10 @@
-"""Trust in the code that a run names: a user's Python code is loaded for runs that this user
-recorded on this machine, and for no others.
+"""Trust in the code that a run names: it is loaded only if the user recorded the run on this
+machine, opened it with `--trust`, or gave this process the same code.
 
-A run folder holds the names of functions (severity, sampler, scenario, drivers), and the folder
-where they are looked for. Opening another user's run must not execute these. The user's state
-folder has a note of each run that this user recorded here or opened with `--trust`, with a hash of
-the code that the run names. When the user gives a process an evaluation, the evaluation's code
-is trusted in every run that this process opens.
+A run folder names code by locators, and the folder where their relative paths start. Opening
+another user's run must not execute that code. The user's state folder has a note of each run that
+names code and that the user recorded here or trusted. The note is a hash of these names, not of the
+files' contents: code that changes under the same path stays trusted.
 
 Users: `cli/options.py`, `record/facts.py`, `record/run_folder.py`.
 """
@@ -102,10 +101,9 @@ def is_remembered(run: Path, settings: EvaluationSettings, source: Path) -> bool
 def refuse_foreign_code(
     run: Path, settings: EvaluationSettings, source: Path, *, driving: bool = False
 ) -> None:
-    """Refuse to load code that a run names unless this user recorded the run here, trusts it, or
-    gave the code in this process.
+    """Refuse to load the code that a run names, unless that code is trusted.
 
-    driving: whether its ADSs will drive.
+    driving: whether the run's ADSs will drive.
     """
     code = code_of(settings, source, driving=driving)
     if code <= _trusted:
@@ -116,10 +114,12 @@ def refuse_foreign_code(
         trust_code(settings, source)  # another run that is opened may name the same code
     if not code <= _trusted:
         what, locator, _ = min(code - _trusted)
+        # `report` does not ask for the code of driving
+        command = "run --resume --out" if driving else "report"
         raise InputError(
             f"Run {run} must be recorded by you on this machine, or trusted, as it names code: "
             f"the {what} `{clean(locator)}` with paths from {clean(str(source))}. If that code may "
-            f"run here: sumo-eval report {shlex.quote(str(run))} --trust."
+            f"run here, add --trust: sumo-eval {command} {shlex.quote(str(run))} --trust."
         )
 
 

@@ -87,14 +87,35 @@ def test_ngsim_feet_front_centre_and_lanes_from_the_left(tmp_path):
     assert row["x"] == pytest.approx(0.3048 * (77.133 - 16.798 / 2))
     assert row["speed"] == pytest.approx(0.3048 * first["v_Vel"])
     assert row["length"] == pytest.approx(0.3048 * 16.798)
-    assert row["lane"] == 5 - first["Lane_ID"]
+    assert row["lane"] == 6 - first["Lane_ID"]
     left, right = (raw.loc[raw["Lane_ID"] == lane, "Local_X"].median() for lane in (1, 2))
     assert left < right  # Local_X grows to the right, y to the left
-    assert table.loc[table["lane"] == 4, "y"].median() > table.loc[table["lane"] == 3, "y"].median()
+    assert table.loc[table["lane"] == 5, "y"].median() > table.loc[table["lane"] == 4, "y"].median()
     other = raw.assign(Location="us-101", Local_X=raw["Local_X"] + 30.0)
     pd.concat([raw, other]).to_csv(tmp_path / "both.csv", index=False)
     aside = ngsim.read(tmp_path / "both.csv")[0].groupby("recording")["y"].median()
     assert aside["us-101"] == pytest.approx(aside["i-80"])  # each from its own right lane
+
+
+@pytest.mark.parametrize(
+    "location, lanes, words",
+    [
+        (",i-80", [5, 1, 0, -1], "Lane 6 of i-80 is taken as the right lane"),
+        (",us-101", [4, 0, -1, -2], "Lane 5 of us-101 is taken as the right lane"),
+        (",peachtree", [4, 0, -1, -2], "Lane 5 of peachtree is taken as the right lane"),
+        ("", [4, 0, -1, -2], "x.csv names no road: US-101 is assumed. On I-80 its lane 6 would"),
+    ],
+)
+def test_ngsim_lanes_of_each_road(tmp_path, location, lanes, words):
+    """Its lanes 1, 5, 6 and 7: on I-80 lane 6 is the right main lane, on US-101 an auxiliary lane."""
+    head = ",".join(ngsim._NEEDED) + ",Location" * bool(location)
+    rows = [f"{lane},1,0,{12 * lane - 6},100,15,6,2,40,{lane}{location}" for lane in (1, 5, 6, 7)]
+    (tmp_path / "x.csv").write_text("\n".join([head, *rows]))
+    table, notes = ngsim.read(tmp_path / "x.csv")
+    assert table["lane"].tolist() == lanes
+    assert table.loc[table["lane"] == 0, "y"].tolist() == [0.0]
+    assert words in " ".join(notes)
+    assert any("names no road" in note for note in notes) == (not location)
 
 
 def test_ngsim_original_layout_and_a_vehicle_id_that_is_used_again(tmp_path):
