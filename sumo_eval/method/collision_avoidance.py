@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 SMALLEST_OVERLAP = 0.5  # w of Eq. 15 lies in [0.5, 1]
 LOSS_CLASSES = ((15.0, 1.0), (8.0, 0.7), (0.0, 0.4))  # Eq. 14: (U above this, m/s, has this L)
 LEAST_LOSS = 0.1  # Eq. 14: L otherwise
-MARCH = 1.0 / 250.0  # unit-box lengths between the samples of a ray of Eq. 16
+MARCH = 1.0 / 250.0  # most unit-box lengths between the samples of a ray of Eq. 16
 AT_ONCE = 32  # samples of each ray that are evaluated together; most rays need few
 BISECTIONS = 40  # halvings of the step in which a ray leaves the zone, down to the last digits
 SAME_POINT = 1e-12  # unit-box lengths; two points that are nearer count as one
@@ -134,9 +134,9 @@ def collision_avoidance_index(
     if loss == "class":
         hit, ideal = collision_loss(hit), collision_loss(ideal)
     ratio = score_terms.ideal_ratio(hit, ideal)
-    flags = np.ones(hit.shape, bool)
+    every = np.ones(hit.shape, bool)  # every case collided, and was evaluated
     once = score_terms.once(hit.size)
-    return float(score_terms.collision_avoidance(ratio, r, flags, flags, once)[0])
+    return float(score_terms.collision_avoidance(ratio, r, every, every, once)[0])
 
 
 def _first_exit(partition: ZonePartition, start: FloatArray, direction: FloatArray) -> FloatArray:
@@ -145,14 +145,14 @@ def _first_exit(partition: ZonePartition, start: FloatArray, direction: FloatArr
     start: x*, (n, k), in the unit box.
     direction: x_i - x*, (n, k), in the unit box.
 
-    Each ray is marched in steps of `MARCH`, then the step in which it leaves is bisected. A gap in
-    the zone that is narrower than a step can be missed.
+    Each ray is marched in equal steps of at most `MARCH`, then the step in which it leaves is
+    bisected. A gap in the zone that is narrower than a step can be missed.
     """
     # t_face: where each coordinate meets the box's face ahead of it, (n, k); t_box: where the ray
     # leaves the box, (n,), not before t = 1, which is x_i itself
     ahead = np.where(direction > 0.0, 1.0 - start, start)
     moves = np.abs(direction) > SAME_POINT
-    t_face = checks.quotient(ahead, np.abs(direction), moves)
+    t_face = checks.quotient(ahead, np.abs(direction), moves)  # inf where a coordinate stays
     t_box = np.maximum(t_face.min(axis=1), 1.0)
 
     def inside(rays: IntArray, t: FloatArray) -> BoolArray:

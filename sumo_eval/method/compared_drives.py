@@ -4,8 +4,9 @@ Readings of the paper (docs/method.md):
 - A trajectory's centre at a slice is the vehicle's own lateral position where it first gets there.
 - A trajectory ends at its first sample at or past the road's end. A vehicle has reached the end if
   it has such a sample, or if its last step, repeated, would lead there.
-- The length L ends where the vehicle stopped or left the road. Otherwise it ends at the road's end,
-  also for a vehicle that still drives at the end of the recording.
+- The length L of a vehicle that stopped ends where it stands. That of a vehicle that is beside the
+  road at the end ends at its furthest x, wherever it left the road. Every other L ends at the end
+  of the road, also that of a vehicle that still drives at the end of the recording.
 
 Users: `extras/bench/costs.py`, `method/anthropomorphic.py`, `method/index_terms.py`,
 `scoring/drive_beside.py`. Fixed: all values, from which D_i and H follow.
@@ -33,9 +34,9 @@ class ComparedDrive(NamedTuple):
     whole: as recorded.
     on_road: up to its first sample at or past the road's end; `whole` itself if nothing is cut.
     begin: first x, m.
-    length: L of Eq. 12, m: from `begin` to where it stopped or left the road sideways, else to the
-        road's end.
-    reach: distance from `begin` to where it was last seen on the road, m.
+    length: L of Eq. 12, m, from `begin`; the file's docstring says where it ends.
+    reach: distance driven along the road, m: from `begin` to the road's end if it was reached, else
+        to where it stands, else to the furthest x.
     operations: n of D_i (`operations.count_operations`).
     most_operations: n of H (`operations.most_operations`).
     manoeuvre: of `whole`, because a lane change begun before the road's end may end beyond it.
@@ -76,6 +77,7 @@ class ComparedDrive(NamedTuple):
         stopped = on_road.speed[-1] < settings.stop_speed
         # whether the vehicle's centre is beside the road at the last sample
         is_beside = not road.right_edge_at(last_x) <= last_y <= road.left_edge_at(last_x)
+        # a vehicle that rolled back and stands has driven as far as it stands
         end = road.length if finished else last_x if stopped else furthest
         reach = max(float(end - begin), 0.0)
         unfinished = not (finished or stopped)

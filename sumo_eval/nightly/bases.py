@@ -1,5 +1,8 @@
-"""Bases of a night: the last good night, and the accepted one. For nights and
-`sumo-eval accept`.
+"""Bases of a night: the last good night, and the accepted one. For nights, `sumo-eval accept`, and
+`sumo-eval nightly --newer-than`.
+
+Free: sentences. Fixed: keys that are read from `night.json`, which `nightly/morning.py` writes, and
+the form of a night's name.
 
 Users: `cli/compare.py`, `nightly/judgement.py`, `nightly/morning.py`, `nightly/night.py`.
 """
@@ -26,9 +29,10 @@ NIGHT = "night.json"
 class Bases(NamedTuple):
     """The nights that a night is compared with.
 
-    good, accepted: the last good night and the accepted one.
+    good: the last night that was good, or that an acceptance in force makes one.
+    accepted: the night of the newest acceptance in force.
     comparison: with the last good night.
-    pinned: comparison with the accepted night; None if both are one night.
+    pinned: comparison with the accepted night; None if both are one night, or there is none.
     notes: sentences on nights that could not be used.
     unusable: whether there are good nights but none that can be compared with, or an accepted night
         that cannot be compared with.
@@ -59,8 +63,8 @@ def find_bases(
     """
     nights = database.nights()
     notes = []
-    accepted = {pin.night for pin in in_force(database.accepted())}
-    good = [night for night in nights if night.good or night.night in accepted]
+    accepted_nights = {pin.night for pin in in_force(database.accepted())}
+    good = [night for night in nights if night.good or night.night in accepted_nights]
     kept = [night for night in good[::-1] if (history / night.folder).is_dir()]
     if good and not kept:
         notes.append("The folders of all good nights are gone.")
@@ -68,7 +72,8 @@ def find_bases(
 
     pin = pin_of(database)
     pinned_night = next((night for night in nights if pin and night.night == pin.night), None)
-    pinned, unusable = None, bool(good) and last is None
+    pinned = None
+    unusable = bool(good) and last is None
     if pinned_night is not None and pinned_night != last:
         pinned_night, pinned = _first_usable(history, [pinned_night], evaluation, settings, notes)
         unusable |= pinned is None
@@ -120,8 +125,10 @@ def pin_of(database: History) -> Accepted | None:
 
 
 class Acceptance(NamedTuple):
-    """An accepted night, with sentences on its failures: `accepted` as they become part of the
-    base, and `remaining`, which fail in the next night all the same.
+    """An accepted night, with sentences on its failures.
+
+    accepted: failures that the next nights will not show, as they are part of the base.
+    remaining: failures that no base changes, so that the next night shows them again.
     """
 
     night: Night
@@ -132,7 +139,7 @@ class Acceptance(NamedTuple):
 def accept(history: Path, night: str | None, reason: str, until: str | None) -> Acceptance:
     """Accept a night as a base.
 
-    night: its name or folder; None: the newest that ran.
+    night: its name or folder; None: the newest that ran here, else the newest imported one.
     until: the last day on which the acceptance counts.
 
     Raises InputError, also for a night that fails only by limits on its own values: with it as a
@@ -176,8 +183,8 @@ def accept(history: Path, night: str | None, reason: str, until: str | None) -> 
 def _failed(record: Path) -> tuple[set[str], dict[str, list[str]]]:
     """Failed limits of a night, from its `night.json`; none without that file.
 
-    Returns the sentences of limits on its own values, and of each changed case the limits that name
-    it.
+    Returns the sentences of the failed limits on the night's own values, and for each changed case
+    the failed limits that name it.
     """
     own, changes = set[str](), defaultdict[str, list[str]](list)
     with taking_apart(record, "Accept another night."):

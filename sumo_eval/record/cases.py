@@ -34,10 +34,12 @@ Status = Literal[
 ALONE = "Simulated alone: "
 """Begins the log of a case that was meant for a batch, but driven alone; the reason follows."""
 BATCHED = ("batched", "compared")
-"""Values of `Outcome.batched` for a case that was driven in a batch."""
+"""Values of `Outcome.batched` for a hook's case that shared SUMO: in a batch only, or also by
+itself, with equal drives."""
 
 IN_BLOCK = "in_block"
-"""Clip that marks a case driven in a block; its `requested` is the number of cases of the block."""
+"""Marks a case driven in a block: the name of a clip, as clips are stored with every case. Its
+`requested` is the number of cases of the block."""
 
 
 @frozen
@@ -110,9 +112,10 @@ class Outcome:
     error: message of what failed; None: nothing.
     log: the traceback of an exception, and beginning and end of the case's output.
     error_place: file, line and function of the user's code that an exception came from.
-    batched: one of `BATCHED`, as in `Recording`; empty if the case was not driven in a batch.
+    batched: one of `BATCHED`, as in `Recording`; empty of other cases.
     alone: why a case that was meant for a batch was driven alone; None for any other.
-    reads: (path, hash) of each file that the process of a user's ADS has newly read.
+    reads: (path, hash) of each file that the process of a user's ADS has read since its last case;
+        None: not watched.
     """
 
     case: Case

@@ -39,7 +39,7 @@ FORMATS = ("csv", "parquet")
 _ROUND_TRIP = "%.17g"  # of trajectories: every double is read back to the bit
 _NAMES = ("case", "scenario", "ads")  # columns of names: text, even if a name looks like a number
 _COLUMNS = [field.name for field in fields(Fact) if field.name not in ("log", "clips", "collision")]
-# the last columns, which differ from machine to machine
+# columns that differ from machine to machine, after those that do not
 _TIMES = [name for name in _COLUMNS if name.startswith(("wall_time", "latency"))]
 _CONTACT = {
     "collision_time": "time", "collision_with": "other", "impact_speed": "relative_speed",
@@ -49,7 +49,9 @@ _CONTACT = {
 """Columns of a drive's contact, and the field of `Collision` that each shows."""
 _TYPES = {
     **dict.fromkeys((*_NAMES, "driver", "collision_with"), "VARCHAR"),
+    # `REAL`: texts of the annotations of fields that are numbers
     **{it.name: "DOUBLE" for it in fields(CaseResult) if str(it.type).startswith(REAL)},
+    # columns with other names than the fields, and one of `drives`
     **dict.fromkeys(("d_i", "incident_severity", "collision_time"), "DOUBLE"),
 }
 """DuckDB's types of columns. Else it would take a name of digits for a number, and an empty column
@@ -69,7 +71,8 @@ class Run:
         """
         import pandas as pd
 
-        # an ADS may be called `007` or `NA`; `from_cell` removes the `'` before formulas
+        # an ADS may be called `007` or `NA`; `from_cell` removes the `'` that
+        # keeps a spreadsheet from running a cell that begins like a formula
         options: Any = {"dtype": dict.fromkeys(_NAMES, str), "na_values": [""]}
         table = pd.read_csv(_scored(self.folder, CASES), keep_default_na=False, **options)
         return each_text(table, from_cell)

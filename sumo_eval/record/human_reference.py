@@ -209,7 +209,9 @@ def _keys(
     with open_store(facts) as store:
         hash_of = cache(store.case_hash)
         for job in jobs:
-            common = key_of(job.road, settings, list(map(hash_of, job.drivers)), sources("method"))
+            common = key_of(
+                job.road, settings, list(map(hash_of, job.drivers)), sources("method", "record")
+            )
             for case in job.ads:
                 keys["index", case] = key_of(common, hash_of(case), "index")
             for case in job.left_out:

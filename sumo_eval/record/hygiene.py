@@ -56,8 +56,8 @@ class Report(NamedTuple):
 
 
 def supervise(work: Callable[[], object], leash: int, report: int, memory_limit: float) -> None:
-    """Fork a child that does `work`, wait for its end, end all processes that it has left, and
-    report.
+    """Make this process the supervisor of a child that does `work`: wait for the child's end, end
+    all processes that it has left, report, and exit. It does not return.
 
     leash: descriptor of a pipe's reading end; at its end of file the owner has ended, or wants the
         child to end.
@@ -132,8 +132,8 @@ def _watch(child: int, leash: int, memory_limit: float) -> Report:
 
 
 def _end_family() -> None:
-    """Kill all descendants of this process until none is left. A descendant whose parent ends
-    becomes a child of this process.
+    """Kill all descendants of this process until none is left, for at most `_LEAVE_TIME`. A
+    descendant whose parent ends becomes a child of this process.
     """
     until = clock.monotonic() + _LEAVE_TIME
     while clock.monotonic() < until:
@@ -218,7 +218,7 @@ def keep_open(*kept: int) -> None:
     """Close every descriptor of this process, except these and the standard ones."""
     last = -1
     for number in sorted({0, 1, 2, *kept}):
-        if number > last + 1:  # Python takes closerange(0, 0) for all descriptors
+        if number > last + 1:  # `os.closerange(0, 0)` would close every descriptor
             os.closerange(last + 1, number)
         last = number
     os.closerange(last + 1, max(os.sysconf("SC_OPEN_MAX"), last + 1))
@@ -228,8 +228,8 @@ def keep_open(*kept: int) -> None:
 
 
 def scratch_folder() -> Path:
-    """A new folder for the files of one pool's children; folders whose owner has ended are removed
-    first. The folder's name holds the owner (`_owner`).
+    """A new folder for the files of one pool's children; this user's folders whose owner has ended
+    are removed first. The folder's name holds the owner (`_owner`).
     """
     place = Path(tempfile.gettempdir())
     this_owner = _owner(os.getpid())
@@ -246,7 +246,8 @@ def scratch_folder() -> Path:
 def _owner(pid: int) -> str:
     """Process id, start time and PID namespace of an owner, such as `4711-88123-4026531836`.
 
-    Only the process id without `/proc`, where nothing is removed.
+    Of an unused process id, and on a system without `/proc`, the process id alone: no owner has
+    such a name.
     """
     try:
         begun = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[19]

@@ -14,6 +14,7 @@ from sumo_eval.scoring.findings import Findings
 from sumo_eval.text import point_words
 from sumo_eval.trajectory import FloatArray
 
+REASON_WITHOUT_A = "no case could be evaluated"
 REASON_WITHOUT_C = "no case that tells how collisions are avoided could be evaluated"
 REASON_WITHOUT_T = "no safe case could be compared with a reference"
 WITHOUT_REFERENCE_CAR = (
@@ -37,19 +38,19 @@ LIKENESS_FACTORS = {
 """Meaning of the factors of a case's part in H."""
 
 GLOSSARY = {
-    "A": "avoided share: how much of the collision severity that doing nothing would bring and the "
-    "ideal vehicle would not was avoided, over all cases. 1: as the ideal vehicle; 0: as doing "
+    "A": "avoided share: of the collision severity by which doing nothing exceeds the ideal "
+    "vehicle, the share that the ADS avoided, over all cases. 1: as the ideal vehicle; 0: as doing "
     "nothing; below 0: worse than that",
     "H": "human-likeness: mean over the safe cases of length factor, operations factor, similarity "
     "and plausibility multiplied; 0 for a safe case with an avoidable incident",
-    "T": "share of the driving task done: mean over the safe cases of t_i, how much of the way "
-    "that the drivers and the reference car drove was driven in no more time than the slowest of "
-    "them; 0 with an incident",
+    "T": "share of the driving task done: mean over the safe cases of t_i. Along the way that the "
+    "drivers and the reference car drove, t_i is 1 where the ADS was no later than the slowest of "
+    "them, less where it was later, 0 where it never came; 0 with an incident",
     "A'": "grade of A: by default 1 % of the avoidable harm costs 0.15, 10 % cost 0.52. 1: as "
     "the ideal vehicle; 0: as doing nothing",
     "S+": "the score that orders: T A' (a + b H), 0 to 100 points; an A' below 0 counts 0",
     "departure": "a corner of the body is more than `road_margin`, 0.5 m by default, off the road; "
-    "it weighs as a contact with a standing car at that speed",
+    "it weighs as a contact with a standing car at the speed of leaving",
     "gave up": "the ADS failed, ran out of time or ended its process: as bad as doing nothing, no "
     "task done",
     "regret": "by how much severity the ADS exceeds the ideal vehicle: mean over all cases, "
@@ -65,8 +66,8 @@ GLOSSARY = {
     "ideal vehicle": "knows what actors will do, sees what is in sight, brakes at once with its "
     "full deceleration",
     "doing nothing": "the driver `no_reaction`: keeps speed and lane whatever happens",
-    "U": "severity of a collision, Eq. 15: relative speed at first contact over the overlap of "
-    "the bumpers, m/s",
+    "U": "severity of a collision, Eq. 15: relative speed at first contact, divided by the share "
+    "of the front that overlaps, m/s",
     "Ug": "severity of the ideal vehicle in the same concrete scenario, m/s; 0 where it avoids",
     "U0": "severity of doing nothing in the same concrete scenario, m/s; 0 where nothing is hit",
     "L": "loss class of a collision, Eq. 14: 1, 0.7, 0.4 by severity, 0.1 without one",
@@ -78,7 +79,8 @@ GLOSSARY = {
     "DRAC": "deceleration needed to avoid a crash, m/s²",
     "exposure": "how often a concrete scenario occurs in traffic, declared or measured; without "
     "it each counts the same",
-    "slice": "a cross-section of the road, every half metre, at which paths are compared",
+    "slice": "of a path: a cross-section of the road, every half metre, at which paths are "
+    "compared; of a map: a cut through the space, at one value of each further parameter",
     "trajectory field": "how strongly a vehicle claims the space around its path, Eqs. 9–10",
     "plausibility": "share of recorded people who go to such extremes of headway, time to "
     "collision, braking, jerk and lateral motion, 1 from 5 % on",
@@ -87,9 +89,9 @@ GLOSSARY = {
     "interval": "a range that would hold the true number in 95 of 100 evaluations with other "
     "cases and drivers",
 }
-"""The terms of the report in plain words; the page explains a term only in these words."""
+"""The terms of the report in plain words, of its tooltips and of the glossary at its end."""
 NEGLIGIBLE_LIMIT = 0.995  # a factor above this limits nothing that three digits would show
-SHARE_WORTH_NAMING = 0.05  # of the loss 1 - C
+SHARE_WORTH_NAMING = 0.05  # of what a score lost
 
 
 def collision_words(exposure_known: bool) -> str:
@@ -101,7 +103,7 @@ def collision_words(exposure_known: bool) -> str:
 
 
 def collisions_sentence(score: ScenarioResult) -> str:
-    """`5 collisions: 3 avoidable (1 of them caused by the ADS), 2 unavoidable.`"""
+    """`idm had 5 collisions: 3 avoidable (1 of them caused by the ADS), 2 unavoidable.`"""
     if score.collisions == 0:
         return f"{score.ads} did not collide."
     avoidable, unavoidable = score.avoidable_collisions, score.unavoidable_collisions
@@ -125,7 +127,7 @@ def explain_a(findings: Findings) -> str:
     score = findings.score
     sentence = collisions_sentence(score)
     if score.avoided_share is None:
-        return f"{sentence} {missing_term('A', 'no case could be evaluated')}"
+        return f"{sentence} A is not computed: {REASON_WITHOUT_A}."
     unit = findings.method.collision.regret_unit
     regret = "" if score.regret is None else f"; the regret is {number(score.regret, 3)}{unit}"
     if score.avoided_share == 1.0:
@@ -146,7 +148,7 @@ def _most_from(name: str, cases: CaseTable, losses: FloatArray, of: float) -> st
     """
     worst = int(np.argmax(np.nan_to_num(losses)))
     lost = losses[worst]
-    if not (lost and lost >= SHARE_WORTH_NAMING * of):  # false for nan
+    if not (lost and lost >= SHARE_WORTH_NAMING * of):  # `not`: refuses nan as well
         return ""
     point = point_words(cases[worst].values)
     return f" {point} took the most from {name}: {lost:z.3f} of {of:z.3f}."
@@ -171,7 +173,7 @@ def explain_s_plus(findings: Findings) -> str:
     """Explanation of S+ from T, A' and H."""
     score, points = findings.score, findings.method.score
     if score.s_plus is None:
-        reason = REASON_WITHOUT_T if score.task_share is None else REASON_WITHOUT_C
+        reason = REASON_WITHOUT_T if score.task_share is None else REASON_WITHOUT_A
         return f"S+ is not computed: {reason}."
     product = f"{score.task_share:z.3f} x {max(score.avoidance_grade or 0.0, 0.0):z.3f}"
     missing = "" if score.human_likeness is not None else ", H not computed"
@@ -230,11 +232,11 @@ def explain_d(findings: Findings) -> str:
     low = (counted & (cases.index < 0.1)).sum()
     if 0 < low < indexed:
         sentence += f" {low} of them {'scores' if low == 1 else 'score'} below 0.1."
-    if split := sum(
+    if with_two_groups := sum(
         any(note.kind == "two_groups" for note in of_case)
         for of_case in cases.index_note[cases.safe]
     ):
-        sentence += f" In {split} of them {TWO_GROUPS}"
+        sentence += f" In {with_two_groups} of them {TWO_GROUPS}"
     return sentence
 
 

@@ -13,7 +13,8 @@ from typing import Any
 
 from sumo_eval.kernels import kernel
 
-# kinds of lateral moves
+# Kinds of lateral moves. Fixed: fingerprints hold these numbers, and `scenario.played` takes the
+# smallest numbers for lateral moves.
 SMOOTH = 0  # by `quintic`
 CONSTANT = 1  # at constant speed, after a rise
 SINUS = 2  # by `swing`, to a side and back
@@ -47,8 +48,8 @@ def swing(move: Any, time: float) -> Motion:
     back: the first to the side of `offset`, the next to the other side, and so on.
 
     A swing is A (1 - cos wt) / 2 with A = `offset`. Its largest acceleration A w^2 / 2 is the
-    move's `acceleration`, which gives w. The move begins at rest; it ends at rest only if
-    `duration` is a whole number of swings of 2 pi / w.
+    move's `acceleration`, which gives w. The move begins at rest. `duration` must be a whole number
+    of swings of 2 pi / w, as readers of scenarios demand: after it, all three values are 0.
     """
     since = time - move.begin
     if not 0.0 < since < move.duration:

@@ -3,8 +3,9 @@ time or by position.
 
 A played vehicle drives along its line: straight on in its heading, or along a path of points. Its
 motion along the line is a list of pieces of constant jerk; its lateral moves are offsets across the
-line. Every move is a function of the time since it began, so a move that begins within a step leads
-to the same position with any step. Records are plain numbers, and the loops over them are kernels:
+line. A move is a function of the time since it began, so a move that begins within a step leads to
+the same position with any step. Two kinds of moves are not: `MATCH` is integrated step by step, and
+with `FOLLOW` SUMO drives. Records are plain numbers, and the loops over them are kernels:
 a case has the same bits alone and in a batch.
 
 An `Act` is a move as a scenario has it, unchangeable. Its record of `ACT` also has the state of the
@@ -12,7 +13,7 @@ move in a drive.
 
 Users: `cosim/world.py` makes the records, `cosim/step_rules.py` moves the actors in every step;
 readers of scenarios (`scenario/`, `extras/openscenario/`) write acts, `scenario/undisturbed.py`
-plays them without a simulation. `cosim/` knows their records.
+plays them without a simulation. Other files of `cosim/` read the records.
 """
 
 from __future__ import annotations
@@ -418,7 +419,7 @@ def _over_ground(other: Any, line: Any) -> None:
     if other.heading != 0.0:  # exactly along the line stays exactly along the line
         other.heading = atan2(s, c)
     other.speed, other.across = along * c + left * s, left * c - along * s
-    other.acceleration *= stretched
+    other.acceleration *= stretched  # to first order: `inner` changes slowly along the road
 
 
 # -- conditions ------------------------------------------------------------------------------------
@@ -426,7 +427,9 @@ def _over_ground(other: Any, line: Any) -> None:
 
 @kernel
 def _body_of(cast: Any, number: int, end: int) -> Body:
-    """The body of an actor, by its number, or of the `EGO`, at `end` of a step: `BEFORE`, `NOW`."""
+    """The body of an actor, by its number, or of the `EGO`, at the beginning (`BEFORE`) or at the
+    end (`NOW`) of a step.
+    """
     if number == EGO:
         return _body(cast.egos[0], end)
     return _body(cast.others[number], end)
@@ -434,8 +437,8 @@ def _body_of(cast: Any, number: int, end: int) -> Body:
 
 @kernel
 def _body(record: Any, end: int) -> Body:
-    """The body of a vehicle's record at `end` of the step: `BEFORE` or `NOW`."""
-    if end == BEFORE:
+    """The body of a vehicle's record at a step's beginning (`BEFORE`) or at its end (`NOW`)."""
+    if end == BEFORE:  # `body_of` takes pose, speeds and size
         return body_of(record.before, record.before, record)
     return body_of(record, record, record)
 
@@ -708,7 +711,7 @@ def _path_length(play: Any, table: Any) -> float:
 def _match(cast: Any, j: int, now: float) -> None:
     """Move actor j to `now` as its `MATCH` demands (`PLAY` explains its rows of `TABLE`).
 
-    Its speed has changed linearly since the last step.
+    Its speed has changed linearly since the last step, unless it keeps a position without limits.
     """
     play, table, own = cast.plays[j], cast.table[j], cast.others[j]
     first = play.match - 1
@@ -744,7 +747,8 @@ def _approach(
 ) -> float:
     """Speed, within its limits, of a vehicle that closes in on its position of a `MATCH`, m/s.
 
-    speed: of the other vehicle, m/s.
+    speed: of the position, m/s: of the followed vehicle, times the factor and plus the speed of the
+        first two rows of `PLAY.match`.
     ahead: distance to the position, m.
     headway: above 0, the position is further back by the headway times the own speed, s.
     elapsed: time since the last step, s.
@@ -756,7 +760,8 @@ def _approach(
     # distance to the position at the last step; since then it has moved as the other vehicle
     apart = ahead - speed * elapsed - behind * play.v
     # the fastest closing speed that can be reduced to 0 in time, and that does not pass the
-    # position in this step; 1e-9 s instead of a division by 0
+    # position in this step (driving faster moves it back by the headway); 1e-9 s instead of a
+    # division by 0
     rate = deceleration if apart > 0.0 else acceleration
     closing = min(sqrt(2.0 * rate * abs(apart)), abs(apart) / max(elapsed + behind, 1e-9))
     wanted = min(speed + (closing if apart > 0.0 else -closing), top_speed)
@@ -824,7 +829,7 @@ def play_actor(cast: Any, i: int, j: int, time: float) -> None:
 def wake_rows(cast: Cast, now: float, before: float) -> None:
     """Begin moves whose conditions hold at the end of a step from `before` to `now`, s.
 
-    Both are the times of every case: a batch whose cases have conditions begins them together.
+    Both times hold for every case: cases with conditions begin and step together.
     """
     egos = cast.egos
     for i in range(len(egos)):
@@ -840,7 +845,8 @@ def players(cases: Sequence[Sequence[Any]]) -> Players:
     actors = [actor for case in cases for actor in case]
     shape = len(cases), len(cases[0])
     plays = np.array([_play_of(actor) for actor in actors], PLAY).reshape(shape)
-    # of each layout: the rows of every actor; without actors no rows of all three
+    # the rows of every actor for `ACT`, for `TABLE` and for `PROGRAM`: three lists, also without
+    # actors
     lists = [*zip(*map(_rows_of, actors), strict=True)] or 3 * [()]
     acts, table, program = (
         _padded(layout, rows, shape)

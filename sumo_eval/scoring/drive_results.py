@@ -129,14 +129,14 @@ def drive_results(
     """
     logical, hash_of = space.logical, space.store.case_hash
     road, margin = logical.road, space.method.task.road_margin
-    # all files on which the path of a conflicting actor may depend
+    # all that the path of a conflicting actor may depend on: the scenario's files, and our code
     files = space.entry.use, space_key(space.entry, space.source), sources("scenario", "settings")
     references_at = grouped((fact.point, fact.case) for fact in references if fact.status == "ok")
     results = {}  # case -> encoded result from the cache
     keys = {}  # case -> key in the cache
     points = []  # jobs
-    # A case without an end, or with `sim_error`, has no drive. A case that was given up has one,
-    # in which the ego may leave the road.
+    # A case without an end, or with `sim_error`, has no drive. A case that the ADS gave up has
+    # one, in which the ego may leave the road: it has a result.
     facts_at = grouped(
         (fact.point, fact) for fact in drives if fact.end_reason not in (None, "sim_error")
     )
@@ -146,7 +146,7 @@ def drive_results(
         # a result depends on the point's references (this key) and on its own drive (`hash_of`)
         common = key_of(
             [hash_of(case) for case in others], road, margin, start.x, start.way, files,
-            sources("method")
+            sources("method", "scoring")
         )  # fmt: skip
         for fact in facts:
             keys[fact.case] = key_of(common, hash_of(fact.case))

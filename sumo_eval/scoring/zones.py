@@ -41,7 +41,8 @@ def zones_key(entry: ScenarioSettings, settings: EvaluationSettings, source: Pat
         settings.method.zones,
         entry.use,
         space_key(entry, source),
-        sources("method", "scenario", "settings"),  # rooms whose code computes a partition
+        # rooms whose code computes a partition
+        sources("method", "scenario", "scoring", "settings"),
     )
 
 

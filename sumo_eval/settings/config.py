@@ -1,7 +1,8 @@
 """Settings files (evaluation, suite, gate, campaign, study, features, scenario) to frozen settings;
-an evaluation's also back to TOML.
+evaluations and features also back to TOML.
 
-Every mistake is named, with its path and the nearest known key.
+Every wrong value is named, with its path and the nearest known key. What is wrong with several
+values together is named next, one mistake at a time.
 
 Users: `cli/`, `cosim/`, `evaluation.py`, `nightly/`, `record/`, `report/`, `scenario/`, `scoring/`,
 `extras/`.
@@ -26,7 +27,7 @@ from sumo_eval.text import shown
 PAPER_EVALUATION = Path(__file__).with_name("paper_evaluation.toml")
 
 SUITES = Path(__file__).with_name("suites")
-"""Frozen lists of scenarios, samples, drivers and seed, a file each."""
+"""Frozen lists of scenarios, with the settings of `_FIXED`, a file each."""
 _SUITE = "suite:"  # begins `use` of a [[scenario]] that stands for a suite
 _FIXED = ("seed", "drivers", "simulation", "method")
 """Settings of an evaluation that a suite fixes together with the scenarios."""
@@ -38,7 +39,7 @@ def read_evaluation(path: Path, *, own_ads: bool = True) -> EvaluationSettings:
     """The settings in an evaluation file; of an OpenSCENARIO file, the paper's evaluation with this
     scenario.
 
-    Raises InputError naming every mistake in it.
+    Raises InputError naming the mistakes in it.
 
     own_ads: whether the file must have `[[ads]]`; False where the caller names ADSs instead.
     """
@@ -46,6 +47,7 @@ def read_evaluation(path: Path, *, own_ads: bool = True) -> EvaluationSettings:
         return replace(
             read_evaluation(PAPER_EVALUATION),
             name=path.stem,
+            # its folder is the source folder of the run (`record/facts.py`)
             scenario=(ScenarioSettings(path.name),),
         )
     return settings_from(read_toml(path, "evaluation file"), path, own_ads=own_ads)
@@ -54,10 +56,11 @@ def read_evaluation(path: Path, *, own_ads: bool = True) -> EvaluationSettings:
 def with_suites(content: Mapping[str, Any], where: object) -> Mapping[str, Any]:
     """An evaluation with the scenarios of a frozen suite instead of `use = "suite:NAME"`.
 
-    A suite must be the only scenario of the evaluation, and brings its own seed and drivers, so
+    A suite must be the only scenario of the evaluation, and brings the settings of `_FIXED`, so
     that scores of different evaluations of it can be compared.
 
-    Raises InputError for an unknown suite, and for a setting that would change a suite.
+    Raises InputError for an unknown suite, for one that is not alone, and for a setting that would
+    change it.
     """
     entries = content.get("scenario")
     if not isinstance(entries, list | tuple):  # a mistake that `validated` reports

@@ -2,9 +2,9 @@
 
 A scenario has a rate of encounters per kilometre, from the table [met] of its file. `importance`
 estimates the probability that an encounter ends in a collision. The crash rate is the sum, over the
-scenarios, of rate times probability. Its interval covers four uncertainties:
+scenarios, of rate times probability. Its interval covers that the drives are few. Where rate and
+distribution of the points come from recorded events, it covers three uncertainties more:
 
-- The drives are few.
 - The rate of encounters is counted from few recorded events.
 - The distribution of the points is fitted to the same events. Rate and fit are resampled together.
 - The kernels of this distribution may reach too far beyond the events, or not far enough.
@@ -116,7 +116,7 @@ class ScenarioRate(NamedTuple):
     collisions, loss: per million km, with limits.
     draws: possible values of both rates, (2, 2, `DRAWS`). The first axis has collisions and loss.
         The second has two forms of the points' distribution (`scenario.joint`): the narrow form,
-        and the driven form, from which the drives' points were drawn.
+        and the wide form, with which `importance` weighs the drives.
     limit: upper limit of collisions per million km, valid wherever in the space they lie.
     stopped: why the drives ended, `width` or `budget`.
     not_evaluated: number of drives that could not be evaluated, by status.
@@ -137,7 +137,7 @@ class AdsRate(NamedTuple):
 
     parts: rates in each scenario.
     collisions, loss: per million km, with 95 % limits.
-    limit: upper limit of collisions per million km where no drive collided.
+    limit: upper limit of collisions per million km where no drive that counts collided.
     """
 
     ads: str
@@ -282,8 +282,8 @@ def part_of(
     if (search.in_estimate & search.collided).any():
         draws = np.minimum(_drawn_rates(space, search, seed, estimate.deviation), most)
         collisions, loss = (
-            _rate(MILLION * space.per_km * np.array(mean), drawn, most)
-            for mean, drawn in zip((estimate.probability, estimate.loss), draws, strict=True)
+            _rate(MILLION * space.per_km * np.array(limits), drawn, most)
+            for limits, drawn in zip((estimate.probability, estimate.loss), draws, strict=True)
         )
     return ScenarioRate(space, estimate, collisions, loss, draws, limit, stopped, not_evaluated)
 
@@ -339,8 +339,8 @@ def _summed_rates(
     terms: weight of each hit, and its weight times L, (2, h).
 
     The result broadcasts to (2, 2, `DRAWS`), the axes of `ScenarioRate.draws`. The second axis has
-    length 1 where the points' distribution has no events. Where the campaign file gives the rate,
-    the second and the third have.
+    length 1 where the points' distribution has no events. The second and the third axis have
+    length 1 where the campaign file gives the rate.
     """
     sums: FloatArray = terms.sum(axis=1)[:, None, None]  # (2, 1, 1)
     counted = space.counted
@@ -351,12 +351,12 @@ def _summed_rates(
     if not resamples:  # Only the rate comes from events: draws of a Poisson rate, by Jeffreys.
         return stream.gamma(counted.events + 0.5, size=DRAWS) / counted.vehicle_km * sums
 
-    # ratios (form, resample, hit): density of a hit over its density by the driven form
-    driven = np.maximum(space.exposure.base_density(points), 1e-300)
+    # ratios (form, resample, hit): density of a hit over its density by the wide form
+    wide = np.maximum(space.exposure.base_density(points), 1e-300)
     ratios = np.empty((2, len(resamples), len(points)))
     for number, (joint, _) in enumerate(resamples):
         for k, form in enumerate((replace(joint, narrow=True), joint)):
-            ratios[k, number] = form.density(points) / form.mass() / driven
+            ratios[k, number] = form.density(points) / form.mass() / wide
     # a resample with twice the events has twice the rate of encounters
     factors = np.array([factor for _, factor in resamples])  # (resample,)
     chosen = stream.integers(len(resamples), size=DRAWS)  # resample of each draw
@@ -366,8 +366,9 @@ def _summed_rates(
 def _limits(draws: FloatArray) -> tuple[float, float]:
     """95 % limits of draws (2, `DRAWS`) that hold for both forms of the points' distribution.
 
-    Beyond the events, the driven form has too high a density where tails are normal, and the narrow
-    form too low a one where a tail is long. Among the events the errors are reversed.
+    Beyond the events, the wide form has too high a density where the true tail is Gaussian, and the
+    narrow form too low a one where it is longer. Among the events it is the other way round: the
+    wide form is too low, the narrow form too high.
     """
     lows, highs = np.quantile(draws, [(1.0 - LEVEL) / 2.0, (1.0 + LEVEL) / 2.0], axis=1)
     return lows.min(), highs.max()
@@ -378,8 +379,9 @@ def summed(ads: str, controller: str, parts: Sequence[ScenarioRate]) -> AdsRate:
 
     parts: rates in each scenario. One without a collision adds nothing to the sum.
 
-    Without a collision in any scenario, the upper limit is the largest of the scenarios' limits:
-    were the rate of one scenario higher, its drives would have shown a collision with 95 %.
+    Where no drive that counts collided in any scenario, the upper limit of the sum is the largest
+    of the scenarios' limits. In the worst case one scenario has the whole rate; were it higher, the
+    drives of this scenario would have shown a collision with 95 %.
     """
     limit = max(part.limit for part in parts)
     sums = np.sum([part.draws for part in parts], axis=0)

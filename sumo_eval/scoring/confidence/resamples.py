@@ -1,9 +1,9 @@
 """Counts of a bootstrap over the points of a scenario: how often each point occurs in each
 replicate.
 
-Points that may replace each other form a list (`Strata`). From every list each replicate draws as
-many points as the list has. Replicates of a sample that leaves no part of the space out are also
-balanced over the space (`Balance`).
+Points that may replace each other form a list (`Strata`). A replicate draws from every list of s
+points s - 1, each of which counts s/(s - 1) times. Replicates of a sample that leaves no part of
+the space out are also balanced over the space (`Balance`), if it has enough points.
 
 `resamples` draws all replicates of some points, then all replicates of the next points. So time
 grows in proportion to the points, and no table of all points and replicates is in memory.
@@ -11,7 +11,8 @@ grows in proportion to the points, and no table of all points and replicates is 
 
 Users: `scoring/confidence/assessment.py`, `scoring/confidence/intervals.py`,
 `scoring/confidence/paired_differences.py`, `scoring/confidence/scored.py`, `scoring/steps.py`.
-Fixed: names of random streams and order of the draws, on which all intervals depend.
+Fixed: names of random streams, order of the draws, and `AT_ONCE` and `SPLIT`, which cut large
+samples into blocks with streams of their own: all intervals depend on them.
 """
 
 import math
@@ -25,8 +26,8 @@ from sumo_eval.settings.random_streams import random_stream
 from sumo_eval.trajectory import FloatArray, IntArray
 
 # Most numbers in a table of points and replicates, 16 MB: 1,000 points by 2,000 replicates. If all
-# points need more, they are drawn in blocks: a block of whole lists has at most 1/SPLIT of this, a
-# block of a divided list all of it.
+# points need more, they are drawn in blocks of whole lists, each with at most 1/SPLIT of this. A
+# list that needs more alone is cut into pieces, each with at most all of it.
 AT_ONCE = 2_000_000
 SPLIT = 8
 # methods of sampling that leave no part of the space out
@@ -165,15 +166,17 @@ def _multinomial(
 
 
 class Balance(NamedTuple):
-    """Changes counts so that the mean position of a replicate's points is that of all points.
+    """Changes counts so that the mean position of a replicate's points is that of all points, but
+    for counts that would be below 0.
 
     trend: orthonormal basis of the directions that R removes, (n, r).
     scale: sqrt(tr G / tr(R G)).
 
     Drawn counts are c = 1 + e, (n,). G is the covariance of e. R projects e onto the space
     orthogonal to 1 and to the k coordinates of the points. Balanced counts are c' = 1 + scale R e,
-    and at least 0. So a linear trend of the terms adds nothing to the variance of their mean, and
-    the variance of terms without a trend stays (balanced sampling: Deville and Tille 2005).
+    and at least 0. So a linear trend of the terms adds next to nothing to the variance of their
+    mean, and the variance of terms without a trend stays (balanced sampling: Deville and Tille
+    2005).
     """
 
     trend: FloatArray
@@ -181,8 +184,8 @@ class Balance(NamedTuple):
 
     @classmethod
     def of(cls, groups: Strata, unit: FloatArray) -> Self | None:
-        """Balance of lists of points. None if the lists have fewer than 2 k degrees of freedom: a
-        trend would then look like chance.
+        """Balance of lists of points. None if the lists have fewer than 2 k degrees of freedom:
+        removing k trends would then remove most of what is chance.
 
         unit: the points, (n, k), in the unit box.
         """
@@ -207,7 +210,7 @@ class Balance(NamedTuple):
             part = trend[same]
             squares = np.square(part - part.mean(axis=1, keepdims=True)).reshape(len(part), -1)
             by_group[sizes == size] = size / (size - 1) * squares.sum(axis=1)
-        lost = sum(map(float, by_group[sizes > 1]))
+        lost = sum(map(float, by_group[sizes > 1]))  # in this order: the bits depend on it
         return cls(trend, math.sqrt(spread / (spread - lost)))
 
     def along(self, counts: FloatArray, places: IntArray) -> FloatArray:
@@ -291,7 +294,8 @@ def _draws(
     first = 0  # index in `lists.order` of the next point
     number = 0  # of the next block
     ends = lists.ends
-    # most points of a block of a divided list; shorter blocks would need more shares in memory
+    # most points of a piece of a divided list; with shorter pieces the table `shares` would be
+    # larger
     longest = max(AT_ONCE // replicates, 1)
 
     def stream() -> np.random.Generator:

@@ -249,11 +249,12 @@ def halving() -> Rows:
 def _digest(workers: int, batch: int) -> str:
     """Hash of all facts and trajectories of sixteen cases, its first 12 digits.
 
-    batch: most cases in one simulation.
+    batch: most cases in one simulation; one holds cases of one ADS, here at most 8.
     """
     settings = SimulationSettings(step=0.1)
     low = catalogue.load("front_vehicle_low_speed")
     cases = [
+        # role, driver and controller; no identity of a user's code, no harness
         with_fingerprint(Case(number, concrete, "ads", ads, ads), settings, "", "")
         for ads in ("careful_driver", "no_reaction")
         for number in range(8)
@@ -268,7 +269,7 @@ def _digest(workers: int, batch: int) -> str:
 
 
 def _same(workers: int, batch: int) -> str:
-    """`the same`, or both hashes where this one is not that of one worker and batches of 512."""
+    """`the same`, or both hashes where this one is not that of one worker and largest batches."""
     reference, digest = _digest(1, 512), _digest(workers, batch)
     return "the same" if digest == reference else f"{digest}, not {reference}"
 
@@ -300,8 +301,8 @@ def _end(concrete: ConcreteScenario, ads: ControllerLike) -> str:
 
 
 def _difference_of_repetition() -> float:
-    """Largest difference between a drive and its repetition after another drive in the same
-    process, m.
+    """Largest difference between a drive and its repetition, m, with another drive between them in
+    the same process.
     """
     first, _, again = (
         drive(behind(*arguments), rolls, SHORT).ego.x
@@ -311,7 +312,9 @@ def _difference_of_repetition() -> float:
 
 
 def traps() -> Rows:
-    """Known answers in places where libsumo alone does what `source` states."""
+    """Known answers in places where libsumo alone does what `source` states; of the last row
+    `source` states what was driven.
+    """
     yield (
         "a start 1 m behind is not delayed", _sample,
         ("x", 0, behind(20.0, 10.0, 1.0), rolls), EGO_X,
