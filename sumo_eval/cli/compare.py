@@ -71,7 +71,7 @@ def compare(
     from sumo_eval.scoring.gate_settings import read_gate
 
     settings = read_gate(gate)
-    trust_own_runs(base, new)  # trusts the ADS code of a run that this user recorded here
+    trust_own_runs(base, new)  # one of them may name code that the other run makes trusted
     # a run that is incomplete or was changed is refused now: scoring the other may take hours
     for run in (base, new):
         refuse_to_score(run)

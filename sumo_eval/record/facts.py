@@ -363,8 +363,7 @@ def merge(shards: Sequence[Path], out: Path) -> Recorded:
         )
     run = Resolved.of(settings, Path(manifest["source_folder"]))
     with run_folder.only_writer(out, resume=False), _filled_folder(out, run, _spaces(run)) as store:
-        # The call also trusts the code of this user's own shards. The merged run is trusted only if
-        # this user recorded every shard.
+        # the merged run is trusted only if every shard is
         if run_folder.trust_own_runs(*shards):
             remember(out, settings, run.source)
         for shard in sorted(folders):

@@ -191,9 +191,10 @@ def source_of(folder: Path) -> Path:
 
 
 def trust_own_runs(*runs: Path) -> bool:
-    """Trust the code of those runs that this user recorded here, also where another run names it.
+    """Trust the code of those runs that the user has recorded or trusted on this machine, also
+    where another run names it.
 
-    Returns whether this user recorded all of the runs.
+    Returns whether these are all of the runs.
     """
     own = []
     for run in runs:

@@ -89,8 +89,8 @@ def remember(run: Path, settings: EvaluationSettings, source: Path) -> None:
 
 
 def is_remembered(run: Path, settings: EvaluationSettings, source: Path) -> bool:
-    """Whether this user recorded the run on this machine, or trusts it, and it still names the code
-    that it named then.
+    """Whether the user has recorded or trusted the run on this machine, and it names the same code
+    as then.
     """
     try:
         return _note(run).read_text(encoding="ascii") == _hash(code_of(settings, source))
@@ -110,17 +110,18 @@ def refuse_foreign_code(
         return
     if _trust_all:
         remember(run, settings, source)
-    elif is_remembered(run, settings, source):
-        trust_code(settings, source)  # another run that is opened may name the same code
-    if not code <= _trusted:
-        what, locator, _ = min(code - _trusted)
-        # `report` does not ask for the code of driving
-        command = "run --resume --out" if driving else "report"
-        raise InputError(
-            f"Run {run} must be recorded by you on this machine, or trusted, as it names code: "
-            f"the {what} `{clean(locator)}` with paths from {clean(str(source))}. If that code may "
-            f"run here, add --trust: sumo-eval {command} {shlex.quote(str(run))} --trust."
-        )
+        return
+    if is_remembered(run, settings, source):
+        trust_code(settings, source)  # for other runs that name the same code
+        return
+    what, locator, _ = min(code - _trusted)
+    # `report` loads no code of driving, so it would not remember it
+    command = "run --resume --out" if driving else "report"
+    raise InputError(
+        f"Run {run} must be recorded by you on this machine, or trusted, as it names code: "
+        f"the {what} `{clean(locator)}` with paths from {clean(str(source))}. If that code may "
+        f"run here, add --trust: sumo-eval {command} {shlex.quote(str(run))} --trust."
+    )
 
 
 def _code(what: str, locator: str, source: Path) -> Code:

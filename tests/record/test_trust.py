@@ -1,6 +1,7 @@
 """The code that a run names is run for a run of one's own, and for nobody else's."""
 
 import json
+import shlex
 import shutil
 
 import pytest
@@ -176,6 +177,27 @@ def test_trust_is_asked_once(foreign, monkeypatch):
     assert said("score", foreign / "run", "--trust")[0] == 0
     monkeypatch.setattr(trust, "_trusted", set())
     assert said("score", foreign / "run")[0] == 0
+
+
+def test_advice_for_a_run_whose_only_code_is_its_ads_works(tmp_path, monkeypatch, another_process):
+    run = tmp_path / "a run"
+    (tmp_path / "code.py").write_text(CODE)
+    (tmp_path / "evaluation.toml").write_text(
+        EVALUATION.replace("code.py:severity", "injury:cyclist")
+    )
+    sumo_eval.evaluate(tmp_path / "evaluation.toml", run)
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
+    trust._trusted.clear()
+
+    status, words = said("run", "--out", run, "--resume")
+    assert status == 2
+    advice = words.rpartition("sumo-eval ")[2].strip().removesuffix(".")
+    assert said(*shlex.split(advice))[0] == 0
+
+    trust._trusted.clear()
+    trust.trust_what_is_opened(False)
+    for command in (("run", "--out", run, "--resume"), ("verify", run)):
+        assert said(*command)[0] == 0
 
 
 def test_code_that_the_evaluation_names_is_the_users(foreign, tmp_path):
