@@ -5,7 +5,11 @@ SUMO or a plant moved the ego, the recorded motion. From that step on the ego br
 it can. It keeps the wheel straight, on a curved road at its last angle. Steering away from the
 contact is not considered.
 
-Users: `record/worker.py` adds the clip `NO_RETURN` to the recordings of a batch.
+The clip goes into facts: keep the meaning of its fields, and `BRAKES`, `_STANDSTILL` and
+`_TOLERANCE`, on which its times depend. Keep `_LEAST_REPLAYS` too: where braking later avoids a
+contact that braking earlier does not, other trials find another step.
+
+Users: `record/worker.py` adds the clip `NO_RETURN` to the recordings of a batch or of a case alone.
 """
 
 from collections.abc import Collection, Iterator, Mapping, Sequence
@@ -30,7 +34,7 @@ from sumo_eval.trajectory import (
 )
 
 BRAKES = 0.5  # m/s2, commanded deceleration from which on an ADS counts as braking
-_LEAST_REPLAYS = 8  # in a simulation, as starting one takes as long as a few replays
+_LEAST_REPLAYS = 8  # target for a simulation: starting one takes as long as a few replays
 _STANDSTILL = 10.0  # s that a braked ego stands until its drive ends: it may be struck meanwhile
 _TOLERANCE = 1e-6  # s and m/s, contacts that differ by less are the same
 
@@ -64,7 +68,7 @@ def with_no_return(
         braked = round(float(braking_steps[0]) * settings.step, 6) if len(braking_steps) else NEVER
         # `UNKNOWN` and `NEVER` are below 0: codes, not steps
         time = float(step) if step < 0 else round(step * settings.step, 6)
-        clip = Clip(NO_RETURN, 1, time, braked, contact.hit.time)
+        clip = Clip(NO_RETURN, count=1, first_time=time, requested=braked, applied=contact.hit.time)
         marked[index] = replace(contact.recording, clips=(*contact.recording.clips, clip))
     return marked
 
@@ -72,8 +76,8 @@ def with_no_return(
 def _last_steps(contacts: Mapping[int, _Contact], settings: SimulationSettings) -> dict[int, float]:
     """Last step from which braking avoids each contact, found by bisection around an estimate.
 
-    `UNKNOWN` where the replay of all commands has another contact, `NEVER` where braking from the
-    start does not avoid it.
+    `UNKNOWN` where the replay of all commands has another contact or none, or fails. `NEVER` where
+    braking from the start does not avoid the contact.
     """
     # no conditions and no plant: the recorded commands show their effect already
     plain = replace(
@@ -84,8 +88,8 @@ def _last_steps(contacts: Mapping[int, _Contact], settings: SimulationSettings) 
         standstill_time=max(settings.standstill_time, _STANDSTILL),
     )
 
-    # by contact. low: last step from which braking is known to avoid it, at first none. high: first
-    # step from which braking is known not to.
+    # by contact. low: last step from which braking is known to avoid it, at first none: `NEVER` is
+    # -1, the step before the first. high: first step from which braking is known not to.
     high = {i: len(it.commands) for i, it in contacts.items()}
     hits = zip(contacts.items(), _braked(contacts, high.items(), plain), strict=True)
     low = {i: int(NEVER) for (i, contact), hit in hits if _is_same(hit, contact.hit)}
@@ -127,7 +131,7 @@ def _avoids(hit: Collision | Alone | None, was: Collision) -> bool:
     if hit is None:
         return True
     # a vehicle that runs into the braking ego from behind is another contact
-    return isinstance(hit, Collision) and hit.side == "rear" != was.side
+    return isinstance(hit, Collision) and hit.side == "rear" and was.side != "rear"
 
 
 def _spread(first: int, last: int, count: int) -> Sequence[int]:
