@@ -130,8 +130,10 @@ def test_fields_of_egos_that_stand_or_turn_are_drawn(done, monkeypatch, speed, l
 
 
 def test_fields_stand_under_the_names_of_ads_and_driver(done):
-    axes = draw(done, "field", ads="no_reaction").axes
-    assert [ax.get_title() for ax in axes[:2]] == ["no_reaction", "driver_00"]
+    for ads in done.ads_names:
+        figure = draw(done, "field", ads=ads)
+        assert [ax.get_title() for ax in figure.axes[:2]] == [ads, "driver_00"]
+        assert done.case(figure.get_suptitle().splitlines()[0]).ads == ads
 
 
 def test_an_ads_without_an_outcome_has_no_boundary(done):
@@ -208,6 +210,16 @@ opinion | {"ads": "idm"} | takes no `ads`, got 'idm'
 def test_what_is_missing_is_named(done, figure, more, words):
     with refusal(words):
         draw(done, figure, **more)
+
+
+@pytest.mark.parametrize("figure", ["field", "zone_map", "points"])
+@pytest.mark.parametrize("scenario", ["front_vehicle_cut_out", "unknown"])
+def test_the_scenario_of_a_case_is_its_own(done, figure, scenario):
+    case = next(it.case for it in done.cases if it.scenario == "front_vehicle_low_speed")
+    assert draw(done, figure, case=case, scenario="front_vehicle_low_speed")
+    words = f"The scenario of case `{case}` must be front_vehicle_low_speed, got '{scenario}'."
+    with refusal(re.escape(words)):
+        draw(done, figure, case=case, scenario=scenario)
 
 
 def test_the_command_draws_and_says_what_it_wrote(done, tmp_path):

@@ -3,12 +3,12 @@
 Users: `extras/figures/drawn.py`, `extras/figures/of_scenes.py`, `extras/figures/of_scores.py`.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 from sumo_eval.case_table import CaseTable
 from sumo_eval.cases import CaseResult
-from sumo_eval.errors import InputError, check_known, unknown
+from sumo_eval.errors import InputError, check_known, must_be, unknown
 from sumo_eval.frozen import frozen
 from sumo_eval.record.run_folder import FACTS
 from sumo_eval.record.store import EGO, open_store
@@ -20,10 +20,12 @@ from sumo_eval.trajectory import Trajectories, Trajectory
 
 @frozen
 class DrivenPoint:
-    """Trajectories of all drives through one concrete scenario of a run.
+    """Drives through one concrete scenario of a run: those of the figure's ADSs and of all human
+    drivers.
 
     scenario: name of the logical scenario.
     words: parameters of the point and their values.
+    cases: ADS -> its case there.
     runs: ADS -> trajectory of its ego.
     others: actor -> its trajectory in the drive of the first ADS.
     people: human driver -> trajectory of their ego; empty in the hazardous zone.
@@ -32,6 +34,7 @@ class DrivenPoint:
 
     scenario: str
     words: str
+    cases: Mapping[str, str]
     runs: Trajectories
     others: Trajectories
     people: Trajectories
@@ -50,7 +53,7 @@ class FigureRequest(NamedTuple):
     width: a key of `style.WIDTHS`.
 
     The properties are what the figure shows: the request, completed by defaults. They raise
-    InputError for an unknown scenario, ADS or case.
+    InputError for an unknown scenario, ADS or case, and for a scenario that is not the case's.
     """
 
     evaluation: Evaluation
@@ -106,6 +109,8 @@ class FigureRequest(NamedTuple):
         row = self.evaluation.case(self.case)
         if row is None:
             raise unknown("case", self.case, self.evaluation.cases.case)
+        if self.scenario not in (None, row.scenario):
+            raise must_be("The scenario", f"case `{row.case}`", row.scenario, self.scenario)
         return row
 
     @property
@@ -139,16 +144,17 @@ def driven_point(request: FigureRequest, ads: Sequence[str]) -> DrivenPoint:
             if EGO in vehicles:
                 runs[name] = vehicles.pop(EGO)
                 others = others or vehicles  # those of the first ADS
-        people = {
-            driver: vehicles[EGO]
-            for key, number, driver in store.names("human", case.scenario)
-            if number == point and EGO in (vehicles := store.trajectories(key))
-        }
+        people = {}
+        for key, number, driver in store.names("human", case.scenario):
+            vehicles = store.trajectories(key) if number == point else {}
+            if EGO in vehicles:
+                people[driver] = vehicles[EGO]
     if not runs:
         raise InputError(f"Case `{case.case}` has no trajectory to draw.")
     return DrivenPoint(
         case.scenario,
         point_words(case.values),
+        case_of,
         runs,
         others,
         people,

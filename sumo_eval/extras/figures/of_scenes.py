@@ -221,8 +221,7 @@ def field(request: FigureRequest) -> Figure:
 
     Below it that of a human driver at the same point, where the run has one.
     """
-    row = request.row
-    ads = row.ads if request.ads is None else request.names[0]
+    ads = request.row.ads if request.ads is None else request.names[0]
     scene = driven_point(request, [ads])
     settings = request.evaluation.settings.method.anthropomorphic.field
     first_driver = dict(list(scene.people.items())[:1])
@@ -247,7 +246,7 @@ def field(request: FigureRequest) -> Figure:
             )  # fmt: skip
         axes[-1].set_xlabel(label("x", "m"))
         figure.colorbar(image, ax=axes, label="field strength S", extend="max")
-        add_title_and_legend(figure, f"{row.case}\n{scene.words}")
+        add_title_and_legend(figure, f"{scene.cases[ads]}\n{scene.words}")
     return figure
 
 
