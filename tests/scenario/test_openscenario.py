@@ -17,10 +17,10 @@ from tables import rows_of, values_of
 
 from sumo_eval.cosim import Command, simulate
 from sumo_eval.errors import InputError
-from sumo_eval.extras.openscenario import reading
+from sumo_eval.extras.openscenario import describe, reading
 from sumo_eval.extras.openscenario.collections import uses_of
 from sumo_eval.extras.openscenario.conformity import ROWS
-from sumo_eval.extras.openscenario.describe import described
+from sumo_eval.extras.openscenario.describe import described, listed
 from sumo_eval.extras.openscenario.logical import concrete, concrete_points, read_file
 from sumo_eval.extras.openscenario.moves import synchronized
 from sumo_eval.extras.openscenario.reading import Node
@@ -238,6 +238,23 @@ def test_a_variation_is_the_space_and_constraints_leave_points_out(tmp_path, nam
     said = "\n".join(described(read))
     assert "3 of 4 points play" in said
     assert "light alone are driven alike" in said
+
+
+def test_a_large_space_is_tried_along_each_axis(tmp_path, monkeypatch):
+    """4 speeds, of which the file forbids one, and 4 gaps: 3 lines along each axis miss one point."""
+    monkeypatch.setattr(describe, "_MOST", 15)
+    scenario = changed(
+        tmp_path,
+        ('"light" parameterType="string" value="day"', '"gap" parameterType="double" value="50"'),
+        ('ds="50"', 'ds="$gap"'),
+    )
+    path = tmp_path / "varied.xosc"
+    ranges = RANGE.format(name="kph") + RANGE.format(name="gap")
+    path.write_text(VARIATION.format(file=scenario.name, parts=ranges))
+    said = "\n".join(described(read_file(path)))
+    assert "11 of 15 points play that were tried along each axis, of 16" in said
+    assert "4 do not: kph lessOrEqual 80" in said
+    assert list(listed("all", [path]))[-1] == "all: 1 of 1 files play, 11 of 15 points tried"
 
 
 @pytest.mark.parametrize(

@@ -12,14 +12,14 @@ import numpy as np
 
 from sumo_eval.errors import InputError
 from sumo_eval.extras.openscenario.collections import uses_of
-from sumo_eval.extras.openscenario.logical import Read, concrete, concrete_points
+from sumo_eval.extras.openscenario.logical import Read, concrete, concrete_points, refusal
 from sumo_eval.extras.openscenario.moves import changes_nothing
 from sumo_eval.scenario import played
 from sumo_eval.scenario.concrete import Actor
 from sumo_eval.scenario.file import leaving
 
 _SHOWN = 5  # reasons that are listed, at most
-_MOST = 5_000  # points of a space in which all are tried
+_MOST = 5_000  # points; in a space with more, only those along each axis are tried
 _VERBS = {
     played.SMOOTH: "moves across smoothly", played.CONSTANT: "moves across evenly",
     played.SINUS: "swings", played.COSINE: "moves across along half a cosine",
@@ -28,10 +28,12 @@ _VERBS = {
     played.PATH: "drives a path", played.MATCH: "keeps a speed relative to another vehicle's",
 }  # fmt: skip
 """Kind of an act -> words for it."""
+Points = Sequence[tuple[dict[str, float], str | None]]
+"""Points of a space, each with the reason why it does not play; None: it plays."""
 
 
 def described(read: Read) -> Iterator[str]:
-    """Sentences on the space, the road, what does not play, and the vehicles at the first point."""
+    """Sentences on the space, the road, the points, and the vehicles at the first that plays."""
     logical, space = read.logical, read.space
     yield f"{logical.name}: {space.about} (OpenSCENARIO {space.version}, {space.file.name})"
     for item in logical.parameters if space.axes else ():
@@ -49,20 +51,18 @@ def described(read: Read) -> Iterator[str]:
             f"  this is road {read.road + 1} of {len(read.roads)} ({', '.join(read.roads)}); "
             "`?road=2` names another"
         )
-    playing, reasons = _counted(read)
-    if playing is None:
-        yield f"  {space.size} points, of which those are tried that are driven"
-    else:
-        yield f"  {playing} of {space.size} points play"
+    points = _tried(read)
+    playing, words, reasons = _counted(read, points)
+    yield f"  {words}"
     for why, count in list(reasons.items())[:_SHOWN]:
         yield f"  {count} do not: {why}"
     if len(reasons) > _SHOWN:
         yield f"  and {len(reasons) - _SHOWN} more reasons"
     yield from (f"  {note}" for note in read.notes)
-    points = concrete_points(read) if playing else ()
-    first = next((point for point, why in points if why is None), None)
-    if first is not None:
-        yield "  at the first point:" if first else "  its scene:"
+    if playing:
+        first = next(point for point, why in points if why is None)
+        # a file without parameters has a single point, without values
+        yield "  at the first point that plays:" if first else "  its scene:"
         yield from _scene(read, first)
 
 
@@ -80,12 +80,12 @@ def _scene(read: Read, point: Mapping[str, float]) -> Iterator[str]:
 
 
 def listed(name: str, paths: Sequence[Path]) -> Iterator[str]:
-    """A line for each road of each file of a catalogue: its points and how many play, or why none
-    does. Then their sums.
+    """A line for each road of each file of a catalogue: how many of its points play, and why others
+    do not; for a file that cannot be read, why. Then the sums.
 
-    paths: the files.
+    name: of the catalogue. paths: its files.
     """
-    points = playing = files = 0
+    tried = playing = files = 0
     for file in paths:
         try:
             reads = [read for _, read in uses_of(file, file.name)]
@@ -94,28 +94,31 @@ def listed(name: str, paths: Sequence[Path]) -> Iterator[str]:
             continue
         files += 1
         for read in reads:
-            count, reasons = _counted(read)
-            size = read.space.size
-            words = f"{count} of {size} points play"
-            if count is None:
-                count, words = size, f"{size} points, tried along each axis"
-            points += size
+            points = _tried(read)
+            count, words, reasons = _counted(read, points)
+            tried += len(points)
             playing += count
             why = "; ".join(f"{it} {why}" for why, it in [*reasons.items()][:_SHOWN])
             yield f"{read.logical.name}: {words}{why and '; not: '}{why}"
-    yield f"{name}: {files} of {len(paths)} files play, {playing} of {points} points"
+    yield f"{name}: {files} of {len(paths)} files play, {playing} of {tried} points tried"
 
 
-def _counted(read: Read) -> tuple[int | None, dict[str, int]]:
-    """Number of the points that play, and reason -> number of those that do not.
+def _tried(read: Read) -> Points:
+    """The points that are tried: all, in a space with more than `_MOST` those along each axis."""
+    if read.space.size <= _MOST:
+        return list(concrete_points(read))
+    return [(it, refusal(read.space, read.frame, it)) for it in read.space.along_axes()]
 
-    The first is None where the points are too many to try all of them.
-    """
-    if read.space.size > _MOST:
-        return None, dict(read.refused)
-    # `= ` is before a reason that the file intends, see `refusal`
-    reasons = Counter(why.removeprefix("= ") for _, why in concrete_points(read) if why is not None)
-    return read.space.size - reasons.total(), dict(reasons)
+
+def _counted(read: Read, points: Points) -> tuple[int, str, dict[str, int]]:
+    """Number of the points that play, words for it, and reason -> number of those that do not."""
+    # `= ` is before a reason that the file intends, see `logical.refusal`
+    reasons = Counter(why.removeprefix("= ") for _, why in points if why is not None)
+    playing = len(points) - reasons.total()
+    words = f"{playing} of {len(points)} points play"
+    if len(points) < read.space.size:
+        words += f" that were tried along each axis, of {read.space.size}"
+    return playing, words, dict(reasons)
 
 
 def _of(actor: Actor) -> Iterator[str]:

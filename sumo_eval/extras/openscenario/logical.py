@@ -224,7 +224,6 @@ class Read(NamedTuple):
     roads: short names of all roads of the file.
     road: index of this road in `roads`.
     notes: sentences on what of the file has no effect here.
-    refused: reason -> number of points that are not supported, of those that were tried.
     """
 
     logical: LogicalScenario
@@ -233,7 +232,6 @@ class Read(NamedTuple):
     roads: tuple[str, ...]
     road: int
     notes: tuple[str, ...]
-    refused: Mapping[str, int]
 
 
 def read_file(path: Path, given: Mapping[str, str] | None = None) -> Read:
@@ -294,7 +292,7 @@ def _read(path: Path, changed: int, given: tuple[tuple[str, str], ...]) -> Read:
     ego = [re.sub(r"[^A-Za-z0-9]+", "_", options["ego"])] if options.get("ego") else []
     name = "_".join([whole.name, *road, *ego])
     logical = replace(logical, name=name, notes=(*notes, *further))
-    return Read(logical, space, frame, names, number, tuple(notes), refused)
+    return Read(logical, space, frame, names, number, tuple(notes))
 
 
 def _option_number(path: Path, options: Mapping[str, str], name: str, most: int) -> int:
