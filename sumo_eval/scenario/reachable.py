@@ -1,13 +1,14 @@
 """Two checks of a point before any drive: which moves can never begin, because their condition can
 never become true, and which vehicles leave the road.
 
-Readers of scenario files and of OpenSCENARIO refuse the former, and report the latter.
+The reader of scenario files refuses the former and reports the latter. The reader of OpenSCENARIO
+checks the former only, and accepts such a move if it would change nothing.
 
 Each quantity in a condition is replaced by the range of its values in a drive: time up to the
-case's end, the ego between its start and the end of the road, distances not below 0, a script no
-faster than its fastest speed. Sums, products and comparisons of ranges are ranges again. A
-condition that is false for all of these values never holds. Any other condition may hold: that
-depends on the ADS.
+case's time limit, the ego between its start and x = `road.length`, where cases end, distances not
+below 0, a script no faster than its fastest speed. Sums, products and comparisons of ranges are
+ranges again. A condition that is false for all of these values never holds. Any other condition may
+hold: that depends on the ADS.
 
 Users: `extras/openscenario/logical.py`, `scenario/file.py`.
 """
@@ -24,14 +25,15 @@ from sumo_eval.scenario.undisturbed import tracks
 Range = tuple[float, float]
 """The least and the largest value of a quantity; of a condition 0 is false and 1 is true."""
 Ranges = dict[tuple[int, int], Range]
-"""Ranges by (operation, vehicle), as in a step of `played.Program`; of the time the vehicle is
-0."""
+"""Range by (operation, vehicle), as in a step of `played.Program`. `TIME` is of no vehicle: its
+second number is 0."""
 _ANY: Range = (-inf, inf)
 _NOT_NEGATIVE: Range = (0.0, inf)
 _LOOKS = 600  # times at which a script is sampled, from the start to the time limit
 _HEADWAY = 2.0  # s, assumed of an ego behind a slower vehicle
 _CREEPS = 0.1  # m/s, lower bound of the ego's speed, which divides
-_PAST = 5.0  # m that an ego may be past the end of its road at the end of a step
+_PAST = 5.0  # m that an ego may be past x = `road.length` at the end of its last step
+_ENDLESS = played.KEEP, played.FOLLOW, played.MATCH  # kinds of moves that never end
 
 
 def never_begin(concrete: ConcreteScenario, time_limit: float) -> list[tuple[Actor, int]]:
@@ -45,19 +47,18 @@ def never_begin(concrete: ConcreteScenario, time_limit: float) -> list[tuple[Act
         for number, actor in enumerate(concrete.actors)
         for index, act in enumerate(actor.acts)
     }
-    keeps = {move for move, act in acts.items() if act.kind == played.KEEP}
-    # Moves that never end: those that keep the speed, and those that never begin. A move that waits
+    # Moves that never end: those of an endless kind, and those that never begin. A move that waits
     # for one of these to end never begins either, so repeat until a round adds no further move.
-    endless: set[played.Move] = set()
+    endless = {move for move, act in acts.items() if act.kind in _ENDLESS}
     while True:
         never = {
             move
             for move, act in acts.items()
             if act.program and not _may_hold(act.program, ranges, endless)
         }
-        if never | keeps <= endless:
+        if never <= endless:
             return [(concrete.actors[number], index) for number, index in sorted(never)]
-        endless |= never | keeps
+        endless |= never
 
 
 def _known_ranges(concrete: ConcreteScenario, time_limit: float) -> Ranges:
@@ -88,8 +89,8 @@ def leaves_at(concrete: ConcreteScenario, time_limit: float) -> Iterator[tuple[s
     # time at which an unhindered ego ends the case, at x = `road.length`, s
     ego_time = (road.length - ego.x) / max(ego.speed, _CREEPS)
     step = time_limit / _LOOKS
-    # The ego gets no size: conditions on its body are a few metres off. [0, :, :, 0]: of the only
-    # case the first channel, x, (actors, times)
+    # (0, 0): length and width of the ego. Without them, conditions on distances from its body are
+    # a few metres off. [0, :, :, 0]: x of the only case's actors, (actors, times)
     positions = tracks([concrete], [(0.0, 0.0)], step, time_limit).others[0, :, :, 0]
     for actor, x in zip(concrete.actors, positions, strict=True):
         beyond = x > road.end - 0.5 * actor.length
@@ -97,7 +98,7 @@ def leaves_at(concrete: ConcreteScenario, time_limit: float) -> Iterator[tuple[s
             continue
         time = float(np.argmax(beyond)) * step
         speed = actor.start.speed
-        # a slower vehicle holds the ego up: when it leaves, the ego behind it is still on the road
+        # A slower vehicle holds the ego up. `ego_x`: where the ego behind it is when it leaves.
         ego_x = road.end - actor.length - _HEADWAY * speed
         held_up = speed < ego.speed and ego_x < road.length
         if time < ego_time or held_up:

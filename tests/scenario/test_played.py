@@ -3,6 +3,7 @@
 import math
 import tomllib
 from contextlib import nullcontext
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -15,6 +16,7 @@ from sumo_eval.method.zone_partition import partition
 from sumo_eval.scenario import played
 from sumo_eval.scenario.file import check_points
 from sumo_eval.scenario.played import Act
+from sumo_eval.scenario.reachable import never_begin
 from sumo_eval.scenario.undisturbed import tracks
 
 BASE = tomllib.loads("""
@@ -276,6 +278,14 @@ def test_a_condition_that_never_holds_is_refused_before_a_drive(when, held):
         check_points(logical, [[20.0]])
 
 
+@pytest.mark.parametrize("kind", [played.KEEP, played.FOLLOW, played.MATCH])
+def test_no_move_begins_at_the_end_of_an_endless_one(kind):
+    waiting = Act(played.SPEED, program=((played.ENDED, 0, 0, 0.0),))
+    concrete = scene().concrete(v=20.0)
+    actor = replace(concrete.actors[0], acts=(Act(kind), waiting))
+    assert never_begin(replace(concrete, actors=(actor,)), 20.0) == [(actor, 1)]
+
+
 def test_keep_speed_ends_a_brake_and_counts_in_conditions():
     brake = 'do = "brake", name = "b", deceleration = 2.0'
     speeds = way(scene(brake, 'do = "keep_speed", begin = 2.0'))[4]
@@ -293,6 +303,9 @@ def test_keep_speed_ends_a_brake_and_counts_in_conditions():
     endless = table(lead('{ do = "follow", model = "IDM", name = "c" }'))
     with refusal("Unknown manoeuvre `c`"):  # it never ends
         scenario_of({**BASE, "vehicle": [endless, table(follower)]})
+    later = table(lead('{ do = "follow", model = "IDM", name = "c", when = "time > 1" }'))
+    with refusal("can never hold, whatever the ego does"):
+        check_points(scenario_of({**BASE, "vehicle": [later, table(follower)]}), [[20.0]])
 
 
 def test_an_ego_that_starts_sideways_drives_on_so_where_conditions_ask():
