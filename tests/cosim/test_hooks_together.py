@@ -13,7 +13,7 @@ from array import array
 from collections import Counter
 from dataclasses import replace
 from functools import partial
-from types import SimpleNamespace
+from types import ModuleType, SimpleNamespace
 
 import numba
 import numpy as np
@@ -24,7 +24,7 @@ from tables import in_campaign
 from sumo_eval import Command, kernels
 from sumo_eval.cosim import simulate, simulate_many, world
 from sumo_eval.cosim.doors import traci_module, traci_view
-from sumo_eval.cosim.doors.kept_state import first_change, kept_state
+from sumo_eval.cosim.doors.kept_state import first_change, kept_state, reached_modules
 from sumo_eval.scenario import catalogue
 from sumo_eval.scenario.sampling.samples import sample
 from sumo_eval.settings import SimulationSettings
@@ -390,13 +390,24 @@ class AnswersNothing:
         raise RuntimeError(name)
 
 
+class NoLength(list):
+    def __len__(self):
+        raise RuntimeError
+
+
+class NoMembers(list):
+    def __iter__(self):
+        raise RuntimeError
+
+
 def test_every_way_to_keep_state_is_seen_and_nan_is_none():
     held = Slots()
     generator = (item for item in range(9))
     kept = {"nan": math.nan, "slot": held, "bytes": bytearray(1), "numbers": array("d", [0.0]),
         "space": SimpleNamespace(calls=0), "generator": generator, "method": [].append,
         "bound": Counts().step, "partial": partial(print, held), "numpy": np.random.default_rng(1),
-        "all": AnswersAll(), "nothing": AnswersNothing()}  # fmt: skip
+        "all": AnswersAll(), "nothing": AnswersNothing(), "length": NoLength(),
+        "members": NoMembers([1])}  # fmt: skip
 
     def hook():
         vars(hook)
@@ -415,6 +426,16 @@ def test_every_way_to_keep_state_is_seen_and_nan_is_none():
         before = kept_state(derived)
         change()
         assert first_change(before, kept_state(derived)) == "Slots", change
+
+
+@pytest.mark.parametrize(
+    "folder, is_reached", [("project", True), ("site-packages", False), ("dist-packages", False)]
+)
+def test_installed_packages_are_not_looked_into(folder, is_reached, monkeypatch):
+    package = ModuleType("a_package")
+    package.__file__ = f"/home/user/{folder}/a_package.py"
+    monkeypatch.setitem(globals(), "package", package)
+    assert (package in reached_modules(Counts)) == is_reached
 
 
 @pytest.mark.parametrize(

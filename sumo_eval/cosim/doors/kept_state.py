@@ -18,6 +18,7 @@ from collections import deque
 from collections.abc import Iterator
 from functools import cache
 from itertools import islice
+from pathlib import Path
 from types import CellType, FunctionType, GeneratorType, MethodType, ModuleType
 from typing import Any
 
@@ -27,8 +28,8 @@ from sumo_eval.cosim.doors.traci_module import TRACI
 from sumo_eval.cosim.sumo.insides import libsumo
 
 State = dict[str, object]  # snapshots (`_frozen`) by name
-_DEEPEST = 12  # containers and objects within each other; deeper ones are compared by identity
-_MOST = 10_000  # members of a container that are compared; further ones are not
+_DEEPEST = 12  # containers and objects within each other that are looked into
+_MOST = 10_000  # members of a container that are compared
 _CONTAINERS = (dict, list, tuple, set, frozenset, deque)
 _PLAIN = (type(None), bool, int, float, complex, str, bytes)
 # packages whose objects are not looked into; neither are those of the standard library
@@ -42,17 +43,23 @@ _PICKLED = (
 )  # fmt: skip
 # name of a module that `settings.locators` has loaded from a file's path
 _BY_PATH = re.compile(r"_sumo_eval_file_(.*)_\w{12}\.")
-_ITERATOR = "itertools"  # module whose objects show their position in their `repr`
+_ITERATOR = "itertools"  # module of `count` and `repeat`, whose `repr` shows their position
+_INSTALLED = {"site-packages", "dist-packages"}  # folders of installed packages
 
 
 def kept_state(ads: Any) -> State:
     """State outside the ADS's objects that its code can change, by name (`module.variable`,
     `file.py: variable`).
 
-    Of these only the identity is compared: objects of the standard library (except those of
-    `_LOOKED_INTO`), objects of compiled code, iterators of containers.
-
     ads: a class or a function.
+
+    Not compared: module variables whose names begin with `__`, the code of functions, variables of
+    foreign modules (`reached_modules`), members of a container beyond the first `_MOST`.
+
+    Compared by identity alone: objects of the standard library (except those of `_LOOKED_INTO`) and
+    of compiled code; iterators of containers and of itertools, except `count` and `repeat` (a copy
+    would show the position, but warns from Python 3.12 on); objects deeper than `_DEEPEST`.
+    Containers deeper than that are compared by length alone.
     """
     # state that all code of a process shares
     state: State = {
@@ -74,9 +81,10 @@ def kept_state(ads: Any) -> State:
 
 
 def reaches_libsumo(ads: Any, made: Any) -> bool:
-    """Whether an ADS's code reaches libsumo past the view that shows each case its own row.
+    """Whether an ADS's code can use libsumo itself, instead of the view that shows each case only
+    its own vehicles.
 
-    made: an object of it.
+    made: an object of the ADS.
     """
     return _holds_libsumo([_frozen(made, 0), *kept_state(ads).values()])
 
@@ -103,8 +111,9 @@ def reached_modules(ads: Any) -> list[ModuleType]:
             continue
         name = module.__name__
         file = getattr(module, "__file__", None)
-        installed = file is None or ("site-packages" in file and name.partition(".")[0] != own)
-        if installed or _is_foreign(name):
+        if file is None or _is_foreign(name):
+            continue
+        if not _INSTALLED.isdisjoint(Path(file).parts) and name.partition(".")[0] != own:
             continue
         reached[name] = module
         # the values of a module lead to the modules that define them
@@ -151,24 +160,24 @@ def first_change(before: State, after: State) -> str | None:
 
 
 def _frozen(value: Any, depth: int, seen: frozenset[int] = frozenset()) -> object:
-    """A snapshot of a value that can be compared, and that later changes of the value leave as it
-    is.
+    """A snapshot of a value, to compare with a later one; it does not change with the value.
 
     depth: number of containers and objects around the value.
     seen: their ids, so that an object that contains itself comes to an end.
     """
     if _is(value, _PLAIN):
         return "nan" if value != value else value
+    identity = id(value)
     is_container = _is(value, _CONTAINERS)
-    # containers compare by length, not id: `_parts` makes new ones for each snapshot
-    identity = len(value) if is_container else id(value)
-    if depth > _DEEPEST or id(value) in seen:
-        return identity
     try:
+        if is_container:  # not by its id: `_parts` makes new containers for each snapshot
+            identity = len(value)
+        if depth > _DEEPEST or id(value) in seen:
+            return identity
         if content := _content(value):
             return content
-        parts = _members(value) if is_container else _parts(value)
-    except Exception:  # noqa: BLE001 - attributes of a user's object are the user's code
+        parts = list(_members(value)) if is_container else _parts(value)
+    except Exception:  # noqa: BLE001 - methods and attributes of a user's object are user's code
         return identity
     seen |= {id(value)}
     return identity, [_frozen(it, depth + 1, seen) for it in parts]
@@ -180,8 +189,8 @@ def _members(container: Any) -> Iterator[Any]:
 
 
 def _content(value: Any) -> object:
-    """Content of an array, or position of a random generator, an iterator or a cache; None for any
-    other value.
+    """State of a value that has no parts to look into: an array, a random generator, a cache, an
+    iterator, libsumo; None for any other value.
     """
     if value is libsumo or (
         isinstance(value, FunctionType) and value.__module__ == "libsumo.libsumo"
@@ -206,14 +215,14 @@ def _parts(value: Any) -> tuple[Any, ...]:
         return () if frame is None else (frame.f_lasti, dict(frame.f_locals))
     kind = value if isinstance(value, type | FunctionType) else type(value)
     module = kind.__module__ or ""
-    # objects of `_LOOKED_INTO` have parts, its classes and functions none
+    # of the modules `_LOOKED_INTO`, only objects are looked into, no classes and functions
     if _is_foreign(module) and (kind is value or module not in _LOOKED_INTO):
         return ()
     if isinstance(value, FunctionType):
         # variables of a closure; an empty cell is one without a value yet
         cells = [it.cell_contents for it in value.__closure__ or () if it != CellType()]
         return vars(value), value.__defaults__, value.__kwdefaults__, cells
-    # of an object also its slots; of a class, `__dict__` has them
+    # an object keeps slots outside its `__dict__`; a class has them as entries of its own
     slots = [getattr(value, name, None) for name in _slots(kind) if kind is not value]
     return dict(getattr(value, "__dict__", {})), slots
 
