@@ -4,6 +4,8 @@ Regulation No. 157.
 A vehicle that is too close both along the road and across it is unsafe. Source: Shalev-Shwartz,
 Shammah, Shashua, arXiv:1708.06374; constants as in the JRC's implementation. docs/baselines.md
 lists the choices that the source leaves open.
+
+Users: `cosim/doors/controller.py`, by its locator.
 """
 
 from typing import Any
@@ -25,7 +27,7 @@ from sumo_eval.kernels import kernel
 
 RESPONSE = 0.75  # rho, s
 ACCELERATION = 3.0  # a, m/s2, of the ego within the response time
-BRAKING = 6.0  # b, m/s2, of the ego
+BRAKING = 6.0  # b, m/s2, of the ego in its stopping distance; it brakes with `HUMAN_BRAKING`
 OTHER_BRAKING = 6.0  # bl, m/s2, of the actor ahead
 LATERAL_ACCELERATION = 1.0  # ay, m/s2
 LATERAL_MARGIN = 0.3  # mu, m
@@ -66,7 +68,7 @@ def lateral_safe_distance(lateral_speed: float) -> float:
 
 @kernel
 def rss_braking(me: Any, other: Any, p: Any, scenario: Any) -> float:
-    """Deceleration that an actor ahead demands, m/s2: full braking where it is too close.
+    """Deceleration that an actor ahead demands, m/s2: `HUMAN_BRAKING` where it is too close.
 
     me, other: the ego and the actor, as `MOVER`s; p and scenario are not used.
     """
@@ -77,8 +79,11 @@ def rss_braking(me: Any, other: Any, p: Any, scenario: Any) -> float:
 
 
 class ResponsibilitySensitiveSafety(Compiled):
-    """ADS `rss`: full braking, `RESPONSE` s after the distances along and across the road to an
-    actor ahead are both too short. It decides at every step (`clocks`).
+    """ADS `rss`: brakes with `HUMAN_BRAKING` while the distances along and across the road to an
+    actor ahead, in sight, are both too short, and then releases the brakes.
+
+    The response time `RESPONSE`, s, passes only once, after the first such demand
+    (`braking.follow_demand`). The ADS decides at every step (`clocks`).
     """
 
     loop = braking_loop(rss_braking, clocks=1)

@@ -9,6 +9,11 @@ Across, there are two models. In the kinematic one (`move`) the tyres do not sli
 within a step is a circular arc with the step's mean road wheel angle. Real tyres hardly slip below
 about 0.4 g across. The dynamic model (`move_dynamic`) has side slip and a yaw rate of its own.
 
+Where the tyres' grip is too small for all requests, drive and braking give way in both models: they
+get what the lateral acceleration leaves of the friction circle. In the kinematic model the steering
+gives way to drive or braking that cannot be released within the step. In the dynamic model the
+tyres' side forces give way to these instead, and the vehicle slips.
+
 Constants, formulas and the order of operations decide recorded values to the last bit.
 
 Users: `ads/foresight.py`, `ads/pedals.py`, `cosim/`, `extras/bench/costs.py`,
@@ -131,9 +136,7 @@ def move(
     limits: `VehicleSettings` or a record of them.
     clips: where limits that the command runs into are counted, by number.
 
-    At the end of every step the total acceleration is at most friction * g. Steering has priority:
-    braking and drive get the rest of the friction circle. But steering is limited by acceleration
-    that cannot be released within the step.
+    At the end of every step the total acceleration is at most friction * g.
     """
     if steering == 0.0 and ego.steering == 0.0:  # straight: nearly every step
         end = curvature = lateral = 0.0
@@ -230,7 +233,7 @@ def move_dynamic(
     """Move an ego by the dynamic model, with its side slip, rad, and yaw rate, rad/s.
 
     Arguments as in `move`. Steering, drive and brakes have the kinematic model's limits, except
-    that the tyres do not limit the steering: they slip. Side slip, yaw and position are integrated
+    that the tyres do not limit the steering. Side slip, yaw and position are integrated
     by Heun's method in `_PARTS` parts of the step; speed and distance along the path are those of
     `drive`.
     """
@@ -281,7 +284,8 @@ def move_dynamic(
         course = 0.5 * (course + heading + slip)  # the part's mean
         x += path * math.cos(course)
         y += path * math.sin(course)
-    # from here on m/s2 across: of linear tyres; `held`: the grip that braking or driving leaves
+    # lateral, m/s2: `most`, from here on, of linear tyres; `held`: what the friction circle leaves
+    # beside the acceleration at the start of the step
     most *= limits.friction * GRAVITY
     held = _grip_left(limits, acceleration)
     if most > held:
@@ -297,7 +301,8 @@ def _steer(
     """Steering wheel angle at the end of the step, mean curvature and highest lateral acceleration
     within the step.
     """
-    # m/s2, drive or braking at the end of the step if it is released from the step's start on
+    # m/s2, drive or braking at the end of the step if it is released from the step's start on, both
+    # at `brake_jerk` (`_ramp`)
     carried = max(abs(ego.acceleration) - limits.brake_jerk * step, 0.0)
     fastest = ego.speed + step * max(ego.acceleration, min(wanted, limits.max_acceleration), 0.0)
     largest = grip_steering_wheel_angle(fastest, limits, carried)
@@ -331,7 +336,8 @@ def _limit_steering(
     """Steering wheel angle at the end of the step: within its end stops, its rate, and the grip of
     the tyres.
 
-    largest: largest angle that the tyres hold, rad.
+    largest: largest angle that the tyres hold, rad. It is applied last: where grip is lost, the
+        wheel may turn back faster than its rate.
     """
     stop = math.radians(limits.max_steering_wheel_angle_deg)
     reach = math.radians(limits.max_steering_wheel_rate_deg) * step
@@ -393,7 +399,7 @@ def drive(
         duration = remaining if jerk == 0.0 else (goal - a) / jerk
         duration = min(duration, remaining)
         reached = a + jerk * duration
-        # a cheap test before the exact one: at the strongest braking of this part, twice over
+        # cheap bound before the exact test: even twice this part's strongest braking must stop it
         if v + 2.0 * min(a, reached) * duration <= 0.0:
             stop = _time_to_stop(v, a, jerk, duration)
             if stop >= 0.0:

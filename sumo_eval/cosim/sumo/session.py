@@ -39,7 +39,8 @@ from sumo_eval.settings import SimulationSettings
 
 _EgoType = Mapping[str, str] | None  # attributes of the ego's vType, as of `routes_xml`
 POSITION_TOLERANCE = 1e-3  # m
-# m, in a curve, which SUMO draws as chords of 1 m: twice their largest distance from the curve
+# m, in a curve, which SUMO draws as chords: a bound with room, as they are within some mm of the
+# curve (`sumo_files._segment`)
 CHORD_TOLERANCE = 0.05
 SPEED_TOLERANCE = 1e-3  # m/s
 NOWHERE = -1e6  # m; SUMO shows a vehicle that is on no lane at an x far below this value
@@ -228,7 +229,8 @@ def bend_tolerance(road: Road, y: Any) -> Any:
     """Largest distance on the map, m, from a vehicle in a curve to the place where SUMO shows it.
 
     SUMO puts the vehicle on the normal of a chord of the line. The chord's normal is turned from
-    the curve's normal by at most half a segment over the radius, rad.
+    the curve's normal by at most half a segment over the radius, rad. At |y| this adds the angle
+    times |y| to the chord's own distance, for which half of `CHORD_TOLERANCE` is allowed.
 
     y: of the vehicle, across the road's line, m.
     """
@@ -249,8 +251,8 @@ def check_start(
     SUMO may move a vehicle or delay its insertion.
 
     names: of the vehicles in SUMO, the ego's first; None: as in the scenario.
-    by_map: on every curved road, compare places on the map; else on one with vehicles that SUMO
-        drives, compare places along their lanes.
+    by_map: whether to compare places on the map on every curved road. Else, if SUMO drives vehicles
+        on it, places along their lanes are compared.
     """
     road = concrete.road
     calls = vehicles(traci)
@@ -266,18 +268,18 @@ def check_start(
             speed = 0.0
         if x < NOWHERE:
             raise SimulationError(f"SUMO did not insert vehicle `{name}` at the start of the case.")
-        # inserted elsewhere (`sumo_files.inserted`): moved to its place before the first step
+        # not inserted at its start, but moved there before the first step (`sumo_files.inserted`)
         if on_map is not None:
             continue
         front = first_front(road, start, length)
         if road.bent and (by_map or not concrete.reacts):
             meant = map_places(road.line, front, start.y)
             tolerance = bend_tolerance(road, start.y)
-            # one distance on the map: beside the line, a metre of x is more or less than a metre
+            # both are the distance on the map: in a curve, 1 m of x may be more or less than that
             ahead = left = math.hypot(x - meant[0], y - meant[1])
             x, y = (float(it) for it in frame_places(road.line, x, y, near=front)[:2])
         else:
-            if road.bent:  # where SUMO drives vehicles, they have places along their lanes
+            if road.bent:  # SUMO drives vehicles here: compare places along their lanes
                 x = calls.getLanePosition(in_sumo)
                 lane = calls.getLaneIndex(in_sumo)
                 y = road.lane_width * lane + calls.getLateralLanePosition(in_sumo)

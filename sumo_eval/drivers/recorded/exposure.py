@@ -21,7 +21,9 @@ from sumo_eval.trajectory import BoolArray, FloatArray
 
 FOLDS = 5  # of cross-validation, as is usual: each fit has four fifths of the events
 _EVENTS_A_PARAMETER = 5  # fewer show no distribution
-_SAME = 1e-6  # SI units; events closer than this along a direction do not vary in it
+# SI units; events do not vary along a direction in which the root of the sum of their squared
+# deviations is at most this
+_SAME = 1e-6
 # bandwidths that cross-validation chooses from, as multiples of the data's deviation
 FACTORS = np.geomspace(0.1, 1.5, 15)
 SUPPORT = 3.0  # kernel deviations; a point further from every event is outside the data's support
@@ -176,7 +178,7 @@ def fit_exposure(
         "scott": _held_out(folds, partial(_kde, factor=scott)),
         "cross_validated": likelihoods[best],
         "single_gaussian": _held_out(folds, _gaussian),
-        # over the box of all events: it contains held-out ones too, which favours this fit
+        # over the smallest box around all events, held-out ones included, which favours this fit
         "uniform": -np.log(np.ptp(events, axis=0)).sum(),
     }
     return RecordedExposure(tuple(names), events, factor, held_out)
@@ -221,7 +223,7 @@ def _declared(
     check_known(f"parameter of scenario `{logical.name}`", logical.names, *declared)
 
     def density(values: Values) -> FloatArray:
-        product = uniform_exposure(values)
+        product = uniform_exposure(values)  # 1: parameters that are not declared add no factor
         for name, item in declared.items():
             product = product * _distribution(item).pdf(values[name])
         return product
