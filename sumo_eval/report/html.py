@@ -83,7 +83,7 @@ def _context(
 
     A thread reads and deflates the recorded drives meanwhile.
     """
-    # scenario -> indices of the shown cases, into the case table of each ADS
+    # scenario -> indices of the cases in the page, the same in the case table of each ADS
     in_page = shown_cases(
         evaluation, [change.case for gate in additions.gates for change in gate.worst]
     )
@@ -97,7 +97,8 @@ def _context(
         data = page_data(evaluation, partitions, embedded, sent.result)
     return {
         **shared,
-        # numbers of points: with trajectories in the page; with drivers' there as well; all
+        # numbers of points: those with trajectories in the page, those of them with trajectories of
+        # drivers too, and all
         "embedded": {
             "points": data["embedded"],
             "drivers": data["embeddedDrivers"],
@@ -117,7 +118,7 @@ def _shared(
 ) -> Json:
     """Values that the sections of the page share."""
     settings, exposure_known = evaluation.settings, evaluation.exposure_known()
-    synthetic = settings.drivers.source == "synthetic" or nobody_recorded(evaluation)
+    without_recorded = settings.drivers.source == "synthetic" or nobody_recorded(evaluation)
     missing_tables = unevaluated(evaluation)  # of each score
     number_missing = sum(map(len, missing_tables))
     avoidable = sum(score.avoidable_collisions for score in evaluation.scores)
@@ -130,7 +131,7 @@ def _shared(
         "avoidable": avoidable,
         "departures": sum(score.departures for score in evaluation.scores),
         "term": term,
-        "digits": SCORES,
+        "digits": SCORES,  # with the attribute of each score
         "glossary": GLOSSARY,
         "unit": settings.method.collision.unit,
         "groups": [
@@ -149,7 +150,7 @@ def _shared(
         "all_missing": number_missing,
         "given_up": GIVEN_UP,
         "index_notes": index_notes(evaluation),
-        "synthetic": synthetic and not nobody_drove(evaluation),
+        "synthetic": without_recorded and not nobody_drove(evaluation),
         "exposure_known": exposure_known,
         "collision_words": collision_words(exposure_known),
         "drivers_sentence": people_sentence(evaluation),
@@ -262,9 +263,10 @@ def _left_out(
 def _row(findings: Findings) -> Json:
     """One ADS in one logical scenario, in the words and digits of the page."""
     score, cases, likened = findings.score, findings.cases, findings.likened
-    hits = findings.collisions
+    hits = findings.collisions  # rows of its collisions
+    # of each case: Ug/U or Lg/L, and what it takes from C and from A
     columns = findings.terms.ratio, findings.lost_of_c, findings.share_lost
-    # widths of the two parts of S+ in a bar of 100 %
+    # width of the part of A in a bar of 100 %; that of H, `h_width`, gets no more than the rest
     a_width = min(score.a_points, 100.0)
     means, likeness = findings.factor_means, findings.likeness_means
     return {

@@ -1,6 +1,7 @@
 """The sections of the report, in their order.
 
-A new one is a line in SECTIONS and a file in templates/sections/.
+To add one: a `Section` in SECTIONS, and a template `templates/sections/<name>.html.j2` with
+`<section id="<name>">`; if it has data of its own, also a function that makes them, its `content`.
 
 A section's template sees what all sections share (`html._context`) and, as `content.<name>`, what
 its own function returned. A section whose function returns None is left out, so optional data has a
@@ -63,8 +64,8 @@ class Section(NamedTuple):
 
 
 def change_content(evaluation: Evaluation, additions: Additions) -> Json | None:
-    """Verdict, gates, flipped cases and differences; None where no earlier run was
-    looked for.
+    """Verdict, gates, changed cases and changed quantities; None without a comparison, gates and
+    notes.
     """
     comparison = additions.comparison
     if comparison is None and not additions.gates and not additions.notes:
@@ -156,7 +157,7 @@ def _ledger(item: Ledger) -> Json:
             (line, cause_of(line, item.score), list(line.worst(MOST_LEDGER_CASES)))
             for line in item.lines
         ],
-        "words": ledger_words(item, 1),
+        "words": ledger_words(item, 1),  # its heading, `S+ = 63.3`
     }
 
 

@@ -58,7 +58,7 @@ def test_each_bound_marks_the_drive_that_breaks_it_and_no_other():
         """
 {"dropped": 0.21} | share of late pictures 0.21, at most 0.2
 {"latency_ms": 151.0} | input to picture, 95 %, ms 151, at most 150
-{"stalls": 3} | halts of the loop 3, at most 2
+{"stalls": 3} | steps so late that the clock was reset 3, at most 2
 {"pauses": 2} | pauses 2, at most 1
 {"unanswered": 1.1} | no answer of the window, s 1.1, at most 1
 {"stepped_down": 1} | times that the road was drawn more cheaply in mid-drive 1, at most 0

@@ -27,19 +27,20 @@ from sumo_eval.report.words import count
 PAGE, PLAIN = "campaign.html", "campaign.json"
 OUTSIDE = (
     "Outside these rates: driving between the encounters of these scenarios; other roads, weather "
-    "and times of day than those recorded; other bodies than the scenarios'; vehicles that react "
-    "where the scenarios' follow their scripts; sensors that fail; and tails of the distributions, "
-    "where encounters are rarer than the recordings show. These are rates in simulated encounters, "
-    "not of accidents on the road."
+    "and times of day than those recorded; road users of other sizes than the scenarios'; vehicles "
+    "that react where the scenarios' follow their scripts; sensors that fail; and tails of the "
+    "distributions, where encounters are rarer than the recordings show. These are rates in "
+    "simulated encounters, not of accidents on the road."
 )
 BASIS = (
     "Intervals of ADSs' rates allow for the small number of drives. Where the recorded events are "
     "known, they also allow for their number: the rate of encounters and the distribution of "
-    "points are resampled with them. They hold both for a distribution as wide as its events and "
-    "for the one driven, which its kernels widen. Otherwise its form is assumed to be right."
+    "points are resampled with them. They cover two forms of this distribution: one as wide as "
+    "the events, and the driven one, which its kernels widen. Where the events are not known, the "
+    "distribution is assumed to be right."
 )
 
-# the fields of `Occurrence` where the campaign file gives the rate
+# the fields of `logical.Occurrence`, where the campaign file gives a rate instead of counted events
 _AS_GIVEN = {"events": None, "vehicle_km": None, "where": "as given"}
 
 
@@ -76,6 +77,7 @@ def plain(campaign: Campaign) -> Json:
         "ads": [
             {
                 "name": rate.ads, "controller": rate.controller, **_plain_rates(rate),
+                # of collisions, valid wherever in the spaces of the scenarios they lie
                 "upper_limit_whatever_collides": rate.limit,
                 "by_scenario": [_plain_part(part, rate.collisions[0]) for part in rate.parts],
             }
@@ -108,9 +110,10 @@ def _plain_part(part: ScenarioRate, total: float) -> Json:
         "share_of_collisions": part.collisions[0] / total if total > 0.0 else None,
         "collision_probability": estimate.probability[0],
         "collision_probability_interval": estimate.probability[1:],
-        # the estimate counts only drives at points drawn for it: the first ones explore
+        # all drives: the first ones explore, the later ones count for the estimate
         "drives": estimate.drives,
         "drives_with_a_collision": estimate.collisions,
+        # points of the estimate, impossible ones included, and collisions of its drives
         "drawn_for_the_estimate": estimate.drawn,
         "collisions_that_count": estimate.hits,
         "stopped": part.stopped,
@@ -146,6 +149,7 @@ def unseen_words(rate: AdsRate) -> str:
     if not unseen or len(unseen) == len(rate.parts):
         return ""
     names = ", ".join(part.space.logical.name for part in unseen)
+    # the largest of the scenarios' limits, each of which holds for its scenario alone
     most = amount(max(part.limit for part in unseen))
     return (
         f"The rate and its interval do not include {names}: no collision was seen there, at most "
@@ -202,7 +206,8 @@ def _of_ads(rate: AdsRate, content: Json) -> Fold:
         pieces.append(
             Text(
                 "No drive that counted collided. The upper limit holds wherever the collisions may "
-                f"be; it rests on the {DEFENSIVE:.0%} of the drives that are drawn by exposure."
+                f"be; it rests on the {DEFENSIVE:.0%} of the counted drives that are drawn by "
+                "exposure."
             )
         )
     return Fold(rate.ads, "rates per million km by scenario, and the drives behind them", pieces)

@@ -1,8 +1,8 @@
 """Quality of the recording of a person's drive: late pictures, pauses, leaving the road, reaction.
 
 It does not say whether the person drives well. A study leaves a drive out if it breaks a bound of
-`QualitySettings`, and records value and bound. `trip` computes the quality of each drive, `outcome`
-compares it with the bounds.
+`QualitySettings`, and records value and bound, or if the simulation failed. `trip` computes the
+quality of each drive, `outcome` compares it with the bounds.
 
 Users: `extras/wheel/outcome.py`, `extras/wheel/plan.py`, `extras/wheel/trip.py`.
 """
@@ -46,7 +46,7 @@ class QualitySettings(Checked):
 _BOUNDED = {
     "dropped": "share of late pictures",
     "latency_ms": "input to picture, 95 %, ms",
-    "stalls": "halts of the loop",
+    "stalls": "steps so late that the clock was reset",
     "pauses": "pauses",
     "unanswered": "no answer of the window, s",
     "stepped_down": "times that the road was drawn more cheaply in mid-drive",
@@ -72,8 +72,8 @@ class Quality:
     event: time of the first event, s; None: there is none at a known time.
     reaction: time from that event to the driver's reaction, s; None without an event or a reaction.
     unanswered: longest time that the drive continued without an answer of the window, s.
-    stepped_down: how often the page changed to a cheaper drawing during the drive (a plain one,
-        fewer pixels, from above); None: the page sent no figures.
+    stepped_down: number of changes to a cheaper drawing during the drive: to a plainer one, to one
+        of fewer pixels, to one from above; None: the page sent no figures.
     drawn: how the road was drawn, in words; None: the page sent no figures.
     """
 
@@ -85,7 +85,7 @@ class Quality:
     paused: float
     event: float | None
     reaction: float | None
-    unanswered: float | None
+    unanswered: float
     stepped_down: int | None
     drawn: str | None
 
@@ -107,7 +107,9 @@ class Quality:
             yield f"The drive was held {often}, for {self.paused:.1f} s."
 
     def against(self, rule: QualitySettings) -> tuple[str, ...]:
-        """Reasons why the drive does not count, one for each broken bound; empty: it counts."""
+        """Reasons why the drive does not count: one for each broken bound, and a fault of the
+        simulation; empty: it counts.
+        """
         why = []
         for name, words in _BOUNDED.items():
             value, bound = getattr(self, name), getattr(rule, name)
@@ -187,11 +189,11 @@ def reaction(recording: Recording, event: float, vehicle: VehicleSettings) -> fl
 
     A reaction brakes or steers:
 
-    Braking: the acceleration is more than `BRAKES` below that at the event, or below 0 where the
-        ego gained speed at the event: a driver who only releases the accelerator has not braked.
-    Steering: the acceleration across the path that the steering wheel asks for, speed^2 tan(angle /
-        steering ratio) / wheelbase, differs by more than `STEERS` from that at the event. A curve
-        of the road alone, without a move of the wheel, does not count.
+    Braking: the acceleration is more than `BRAKES` below its value at the event. Where that value
+        is above 0, it is more than `BRAKES` below 0: releasing the accelerator is not braking.
+    Steering: the lateral acceleration that the steering wheel asks for, speed^2 tan(angle /
+        steering ratio) / wheelbase, differs by more than `STEERS` from its value at the event. A
+        curve of the road does not count while the wheel does not move.
     """
     ego = recording.ego
     if len(ego) < 3:
