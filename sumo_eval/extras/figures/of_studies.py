@@ -98,7 +98,7 @@ def edge(folder: Path, *, width: str) -> Figure:
 
     folder: of `sumo-eval boundary`.
     width: a key of `style.WIDTHS`.
-    Raises InputError where a file is missing, as in a folder of an older version.
+    Raises InputError where a file is damaged, or missing as in a folder of an older version.
     """
     words, panels = edge_panels(folder)
     return on_paper(panels, width, 0.62, words=words)

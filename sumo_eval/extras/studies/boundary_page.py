@@ -1,6 +1,15 @@
 """Files of `sumo-eval boundary`: trials, summary, chances, and a page with maps.
 
-The page and `sumo-eval plot` draw the maps from these files.
+The page and `sumo-eval plot` draw the maps from these files, the latter possibly years later.
+So the names of the files are fixed, and:
+
+| file | fixed |
+|---|---|
+| `trials.csv` | a column for each parameter, in the order of the space, then `collided`, 0 or 1 |
+| `chances.csv` | the same columns of parameters, then `chance`, empty at an impossible point |
+| `boundary.json` | the keys of `summary`; the maps need `scenario`, `ads` and `parameters` |
+
+`boundary.html` is for people: only its name is fixed.
 
 Users: `extras/figures/of_studies.py`, `extras/studies/boundary_command.py`.
 """
@@ -154,7 +163,7 @@ def edge_panels(folder: Path) -> tuple[str, list[Panel]]:
 
     folder: that `write_boundary` filled.
 
-    Raises InputError where a file is missing.
+    Raises InputError where a file is missing or damaged.
     """
     with taking_apart(folder / SUMMARY, "Search it again."):
         content = json.loads((folder / SUMMARY).read_text("utf-8"))
