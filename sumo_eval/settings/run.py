@@ -27,11 +27,14 @@ class RunSettings(Checked):
         4096.0, "memory that the process of a case may fill", "MB"
     )
     cases_per_child: PositiveInt = setting(
-        500, "cases after which a child process is replaced by a fresh one"
+        500,
+        "cases after which a child process is replaced by a fresh one; no batch in it, and no "
+        "fixed batch, has more",
     )
     cases_per_pack: Annotated[PositiveInt, Le(512)] = setting(
         512,
-        "most cases in one simulation, if the ego's controller can serve several; 1: each alone",
+        "most cases in one simulation, if the ego's controller can serve several; in a child "
+        "process at most `cases_per_child`, of a TraCI hook at most 128; 1: each alone",
     )
     engine: Literal["processes", "serial", "dask"] = setting(
         "processes",
@@ -41,14 +44,14 @@ class RunSettings(Checked):
     scheduler: str = setting("", "address of the Dask cluster's scheduler, e.g. tcp://host:8786")
     keep: Literal["all", "critical", "none"] = setting(
         "all",
-        "trajectories that stay once a run is scored; critical: at points with a collision, a "
-        "departure, a drive that could not be evaluated, another outcome than the nearest "
-        "point's, or one of an ADS's 100 least human-like cases",
+        "trajectories that stay once a run is scored; critical: at points where an ADS collides, "
+        "leaves the road or cannot be evaluated, where it collides at the nearest other point, or "
+        "where its case is among its 100 least human-like of the scenario",
     )
     incomplete: Literal["shown", "gate"] = setting(
         "shown",
-        "what cases that could not be evaluated do: widen C and D visibly (exit 3), or fail "
-        "the run (exit 1)",
+        "effect of cases that could not be evaluated; shown: C, D and S become intervals "
+        "(exit 3); gate: the run fails (exit 1)",
     )
     qualification: str = setting(
         "",
