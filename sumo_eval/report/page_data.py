@@ -24,7 +24,13 @@ from sumo_eval.scenario.road.reference_line import knots_of
 from sumo_eval.scoring.drive_results import finite
 from sumo_eval.scoring.failure_groups import FailureGroup, failure_groups
 from sumo_eval.scoring.findings import findings_of, mean_of
-from sumo_eval.scoring.map_view import View, choose_view, telling_slice
+from sumo_eval.scoring.map_view import (
+    GATHERED_PANELS,
+    MOST_PANELS,
+    View,
+    choose_view,
+    telling_slice,
+)
 from sumo_eval.scoring.preventability import verdicts
 from sumo_eval.scoring.zone_levels import lattice_points, map_points, zone_levels
 from sumo_eval.trajectory import FloatArray, IntArray
@@ -120,7 +126,8 @@ def _scenario(
         "bodies": drawn_bodies(logical.concrete(**cases[0].values)) if len(cases) else {},
         "view": {
             "x": view.x, "y": view.y, "panel": view.panel, "panels": view.panels,
-            "fixed": drawn.fixed, "slice": telling
+            "fixed": drawn.fixed, "slice": telling, "mostPanels": MOST_PANELS,
+            "gatheredPanels": GATHERED_PANELS
         },
         "maps": [
             zone_map(zones, drawn, panel) for panel in range(len(view.panels))

@@ -5,7 +5,8 @@ Failures of one ADS and one kind belong to one group if a chain of neighbours jo
 all its cases, of those parameters whose driven range it does not fill; and the share of all cases
 in these ranges that fail in this way.
 
-Users: `report/page_data.py`. Free to change: kinds in words, and the limits below.
+Users: `report/page_data.py`. Free to change: the limits below. The words of kinds are not: groups
+are sorted by a kind's first word, and `templates/report.js` cuts its filter out of a kind.
 """
 
 from collections.abc import Mapping
@@ -17,7 +18,8 @@ from sumo_eval.case_table import CaseTable
 from sumo_eval.scenario.logical import LogicalScenario
 from sumo_eval.trajectory import FloatArray, IntArray
 
-# Kinds of failure, the gravest first. The first word of a kind decides its place.
+# Order of groups, the gravest kind first. The first word of a kind decides its place: `caused
+# collision` has that of "caused".
 GRAVEST_FIRST = "caused", "avoidable", "collision", "not evaluated", "off road", "unavoidable"
 MOST_LINKED = 2_000  # most failures of one kind that are compared pair by pair; more form one group
 # Points of k parameters are neighbours if their distance in steps (`_step`) is at most this times
@@ -47,9 +49,10 @@ class FailureGroup(NamedTuple):
 def failure_kinds(cases: CaseTable) -> tuple[IntArray, list[str]]:
     """The kind of failure of each case, (n,), as an index of a list of kinds, and this list.
 
-    The first kind is the empty word: the case did not fail. A case of several kinds gets the last
-    of them in the list, so a contact outranks a departure. A collision is plain `collision` if it
-    is not known whether the ideal vehicle collides.
+    The first kind is the empty word: the case did not fail. If several kinds fit a case, the last
+    of them in the list counts, so that a collision hides a departure. The list does not have the
+    order of `GRAVEST_FIRST`. A collision is plain `collision` if it is not known whether the ideal
+    vehicle collides.
     """
     flags = {"off road": cases.off_road | cases.departed, "collision": cases.collided}
     for kind in ("unavoidable", "avoidable", "caused"):

@@ -15,7 +15,7 @@ from sumo_eval.scenario.logical import LogicalScenario, Parameter
 from sumo_eval.trajectory import FloatArray, IntArray
 
 # Most panels with one value of a parameter each. With more values there are GATHERED_PANELS panels,
-# and each case is drawn in the nearest.
+# and each case is drawn in the nearest. The page receives both, for panels of other parameters.
 MOST_PANELS = 12
 GATHERED_PANELS = 6
 SMALLEST_SLICE = 0.1  # share of the cases; if a slice has fewer, all cases are drawn on it
@@ -24,12 +24,15 @@ SMALLEST_SLICE = 0.1  # share of the cases; if a slice has fewer, all cases are 
 class View(NamedTuple):
     """Choice of what a map of a space shows. A parameter is given by its column in `names`.
 
+    A figure shows this view. The page opens with its axes and panels, at `telling_slice`. There the
+    reader may choose others, and a slice may have a thickness (`templates/maps.js`).
+
     names: of all parameters.
     x, y: parameters of the axes; y is None for a space of one parameter, whose map is a strip.
     panel: the parameter of the panels; None: there is a single panel.
     panels: value of the `panel` parameter in each panel; (None,) for a single panel.
     fixed: the slice: column -> value of each parameter without an axis or panels.
-    projected: whether cases off the slice are drawn on it too.
+    projected: whether a figure draws cases off the slice on it too; in the page its sliders decide.
     gathered: whether the panels' values are evenly spaced, and each case is drawn in the nearest
         panel.
     """
@@ -50,7 +53,7 @@ class View(NamedTuple):
         return int(np.argmin(np.abs(row[self.panel] - np.array(self.panels))))
 
     def shows(self, case: CaseResult) -> bool:
-        """Whether a case is drawn."""
+        """Whether a figure draws a case; `shows` in `templates/maps.js` decides it for the page."""
         return self.projected or all(
             case.values[self.names[column]] == value for column, value in self.fixed.items()
         )
@@ -59,15 +62,15 @@ class View(NamedTuple):
 def choose_view(
     logical: LogicalScenario, cases: CaseTable, axes: tuple[str, str] | None = None
 ) -> View:
-    """The map of a space, chosen by the number of its parameters.
+    """The map of a space, chosen by the number of its parameters. The page opens with it.
 
     cases: that the map shows.
     axes: names of x and y from the settings; None: chosen here.
 
     - One or two parameters: a single panel.
-    - Three: a panel for each value of the first, the other two are x and y.
-    - More, or three with `axes`: x and y are the two with most different values. A slice fixes each
-      other parameter at its most common value.
+    - Three without `axes`: a panel for each value of the first, the other two are x and y.
+    - More, or three with `axes`: x and y are `axes`, else the two parameters with most different
+      values. A slice fixes each other parameter at its most common value.
     """
     names, columns = logical.names, range(len(logical.parameters))
     if len(columns) < 3:
@@ -102,10 +105,11 @@ def _variety(column: FloatArray) -> tuple[int, float]:
 
 
 def telling_slice(view: View, cases: CaseTable) -> dict[int, float]:
-    """The slice with most collisions, at which a map opens: column -> value.
+    """The slice with most collisions, for a figure and for the page as it opens: column -> value.
 
     Of slices with equally many collisions the one with the least values counts. Empty if the view
-    fixes no parameter, or draws all cases on one slice.
+    fixes no parameter, or draws all cases on one slice. Then the page opens at the worst case
+    (`opening` in `templates/maps.js`).
     """
     if view.projected or not view.fixed:
         return {}

@@ -4,8 +4,6 @@
 
 const sumoMaps = (() => {
   const MOST_LEVELS = 25; // more values than this of a parameter are a range, of which a slice has a thickness
-  const MOST_PANELS = 12; // of a parameter with as many values at most
-  const GATHERED = 6; // panels of a parameter with more values: cases are in the panel nearest to theirs
   const CELLS = 72; // of a map along each axis, where it is interpolated
   const FINE = 4; // parts of a cell, along y, between which an area's edge is sought
   const HALVINGS = 6; // of a cell, along x, to where an area begins
@@ -37,10 +35,10 @@ const sumoMaps = (() => {
   function panelsOf(scenario, view) {
     if (view.panel === null) return [null];
     if (view.panel === scenario.view.panel) return scenario.view.panels;
-    const levels = levelsOf(scenario, view.panel);
-    if (levels.length <= MOST_PANELS) return levels;
+    const levels = levelsOf(scenario, view.panel), { mostPanels, gatheredPanels } = scenario.view;
+    if (levels.length <= mostPanels) return levels;
     const { low, high } = scenario.parameters[view.panel];
-    return Array.from({ length: GATHERED }, (_, k) => low + (high - low) * k / (GATHERED - 1));
+    return Array.from({ length: gatheredPanels }, (_, k) => low + (high - low) * k / (gatheredPanels - 1));
   }
 
   /** The parameters that are no axis and no panel: each has a slider. */
