@@ -71,10 +71,12 @@ _NEAR_END = 20.0  # m, more than a vehicle drives in two steps
 # share of speed * step by which motion in a curve may differ: SUMO's lanes are stretched polylines
 _CHORD_SHARE = 0.03
 
-# indices among the numbers of an ego
+# indices among the numbers of an ego; `stale` has two meanings, see `records.EGO`
 _FRONT_X, _FRONT_Y = first_number("front_x"), first_number("front_y")
 _PLACED, _STALE, _SETTLED = first_number("placed"), first_number("stale"), first_number("settled")
-_LANE_SPEED = NEXT.start + 3  # the ego's speed as SUMO counts it, along the lane
+# The ego's speed along its lane, as SUMO counts it, after the last step. The slot also holds the
+# speed of a plant's next state, from the plant's step until the ego is moved.
+_LANE_SPEED = NEXT.start + 3
 
 
 class OnTraci(EgoControl):
@@ -94,16 +96,17 @@ class OnTraci(EgoControl):
         """Reset the ADSs."""
         super().begin(world, stage)
         self._alone = not GUARD.shared
-        # An ADS that is alone may change the ego's speed mode in any step; in a batch `GUARD` sees
-        # every call. SUMO's own model makes no calls. With a plant, `_leave_to_sumo` has to run at
-        # every step all the same, as it notes that the plant is not used.
-        calls = not isinstance(self._ads[0], NativeModel) or self._terms.plant is not None
-        GUARD.mode_may_differ = self._alone and calls
+        # If true, `_leave_to_sumo` runs in every step. An ADS that is alone may change the ego's
+        # speed mode at any time; in a batch `GUARD` sees every call. SUMO's own model makes no
+        # calls, but with a plant each step has to note that the plant is not used.
+        in_every_step = not isinstance(self._ads[0], NativeModel) or self._terms.plant is not None
+        GUARD.mode_may_differ = self._alone and in_every_step
         GUARD.positions, GUARD.speeds = stage.fronts, stage.speeds
         self._stage = stage
         world.egos["next"]["speed"] = world.egos["speed"]
         note_unlimited(world)  # TraCI shows everything, whatever the conditions limit
         if not self._alone:
+            # SUMO shows another start than theirs: driven alone, they report it themselves
             for case in world.errors:
                 world.leave(case, LEFT_BATCH)
         for case, hook in enumerate(self._rows):
@@ -277,7 +280,7 @@ class _Hook:
     def _lead_along_lane(self) -> None:
         """Reroute an ego along its lane where its route leaves the lane: SUMO would stop it there.
 
-        An ego that brakes at least as hard as SUMO's own model would keeps its route.
+        The route stays if the ego brakes at least as hard as SUMO's own model would.
         """
         vehicle = self._traci.vehicle
         ego = self.ego
@@ -320,6 +323,8 @@ class _Hook:
             due[0] = command.acceleration, command.steering
         elif took is not None:
             world.note(self._case, "actuation_not_delayed", self._delay, 0.0)
+        # also without a new command, as the queue of delayed commands advances in every step; SUMO
+        # then moves the ego, and `due` has no effect
         self._actuation.pass_on(due, [self._case], world.steps, has_new=has_new)
         return Command(*due[0].tolist()) if has_new else None
 
@@ -334,7 +339,9 @@ class _Hook:
             if not GUARD.shared:
                 GUARD.call_listeners()
             answer = self._act(TRACI, EGO, time)
-        except KeyboardInterrupt:  # Ctrl-C; the ADS's own is a RuntimeError by now (`record/watch`)
+        # Ctrl-C. In a child process, one that the ADS raised is a RuntimeError by now: the watch
+        # over the step (`record/watch.py`) has turned it into one.
+        except KeyboardInterrupt:
             raise
         except BaseException as error:  # noqa: BLE001 - `_blamed` raises it, put in words
             self._blamed(error, f"at {time:.2f} s", time)
@@ -349,7 +356,7 @@ class _Hook:
         if not GUARD.shared:
             self._driver._check_clock(self._world, time)
         late = self._actuation.late(took)
-        # after a late command, SUMO still moves an ego that it has moved before
+        # after the first step, SUMO continues to move an ego whose command is late
         if answer is None or (late and self._world.steps and self._flags[_PLACED] == SUMO):
             self._executor.release()
             return None, took
@@ -369,6 +376,7 @@ class _Hook:
             if self._flags[_PLACED] == SUMO:
                 self._calls.setSpeedMode(self.ego, EXACT_SPEED_MODE)
                 self._flags[_PLACED] = MODEL
+                # turns the ego and its wheels as if the vehicle model had driven the curve so far
                 corner(self._mine, self._bend, self._limits)
                 if self._world.steps == 0:
                     self._world.begin_as_model(self._case)
@@ -425,7 +433,8 @@ class _Hook:
     def _check_placed_ego(self, now: float) -> None:
         """Raise SimulationError unless SUMO shows the ego where the vehicle model has put it."""
         state = self._state
-        GUARD.speeds.pop(self.ego, None)  # read before the ego was moved
+        # without a speed in `GUARD`, calls for the ego's speed and position ask SUMO again
+        GUARD.speeds.pop(self.ego, None)
         state[_LANE_SPEED], self._course = state[3], state[2]
         front_x, front_y = state[_FRONT_X], state[_FRONT_Y]
         x, y = self._calls.getPosition(self.ego)
@@ -517,8 +526,9 @@ class _Hook:
         self._lanes = self._lanes[1], self._calls.getLaneIndex(self.ego)
         across = pose[1] - state[1] + self._half * (sin(pose[2]) - sin(state[2]))
         moved = sqrt(max(moved_x**2 + moved_y**2 - across**2, 0.0))
-        # SUMO stretches a whole lane by one factor, within those of the road's curves. In this
-        # range of lengths along the line, take the nearest to speed * step.
+        # SUMO stretches each lane evenly over its whole length, so a motion on the map has no exact
+        # length along the line. It is between those at the road's curvatures: take the length in
+        # this range that is nearest to speed * step.
         lengths = [moved / (1.0 - bend * pose[1]) for bend in self._bends]
         return pose, min(max(speed * self._step, min(lengths)), max(lengths)), across
 
@@ -589,7 +599,7 @@ class _Hook:
             self._lanes[0] != self._lanes[1] and abs(moved - possible) <= self._lanes_apart()
         ):
             self._world.note(self._case, "jump", moved, possible)  # by SUMO
-        elif moved != possible:  # else only its direction is odd: see `_check_course`
+        elif moved != possible:  # if equal, only the direction is odd: `_check_course` checks it
             self._unphysical(
                 "jump", moved, possible,
                 f"The ADS moved its vehicle {moved:.2f} m in a step that its speed limits to "
@@ -604,7 +614,8 @@ class _Hook:
         """
         lowest, highest = -self._limits.max_deceleration, self._limits.max_acceleration
         if not lowest - LIMIT_TOLERANCE <= acceleration <= highest + LIMIT_TOLERANCE:
-            # SUMO stops a vehicle at once where its lane ends; a call may have put it there
+            # SUMO stops a vehicle at once where its lane ends: the ego has left the road, unless a
+            # call put it there. Of SUMO's own model the stop is only noted, by `_unphysical`.
             at_end = stands and self._left_of_lane() < _AT_END
             if at_end and not (GUARD.placed or self._native):
                 raise LeftTheRoadError

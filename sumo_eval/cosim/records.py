@@ -136,7 +136,8 @@ OTHER = np.dtype(
 
 rate: change of its speed over the last step, m/s2. acceleration: along its heading, m/s2.
 present: 0 once it has left the network.
-told: 0 if SUMO moved it by itself in this step, 1 if not, 2 if SUMO also received it.
+told: 0 if SUMO moves it along its lane in this step, instead of its script. 2 if its script moves
+    it and SUMO receives its motion. Else 1, also where a SUMO model drives it.
 strays: 1 once it has been beside the lanes, from where SUMO moves no vehicle.
 """
 
@@ -170,9 +171,10 @@ SCENARIO = np.dtype(
         *flags("end_when_decided"),
     ]
 )  # fmt: skip
-"""Values that all rows share; `road`, `vehicle` and `step` as in a `Briefing`.
+"""Values of the scenario and of the ego's vehicle; `road`, `vehicle` and `step` as in a `Briefing`.
 
-There are always two such records. The second has a cycle of decisions as its `step`: see `CYCLE`.
+Two such records serve all rows; where cases change the vehicle, each row has two. The second of two
+has a cycle of decisions as its `step`: see `CYCLE`.
 """
 CYCLE = 0.05
 """Cycle of decisions, s; one step of the simulation if that is longer.
@@ -183,6 +185,7 @@ cycle is a whole number of steps.
 """
 
 SUMO, MODEL, PLANT = 0, 1, 2  # what moves the ego
+# These numbers are no order: `step_rules.see_rows` says which reason wins.
 REASONS: tuple[EndReason | None, ...] = (
     None, "contact", "standstill", "road_end", "off_road", "time_limit", "decided", "ads_error",
     "ads_timeout",

@@ -80,12 +80,12 @@ def show_body(mover: Any, body: Any, line: Any, rear: float) -> None:
     heading = 0.0 if abs(body.heading) < ALONG else within_a_turn(body.heading)
     mover.x, mover.y, mover.heading = body.x, body.y, heading
     mover.speed = speed
-    mover.braking = 0.0
+    mover.braking = 0.0  # only a rule that predicts braking writes another value, into its copy
     mover.along, mover.across = speed * math.cos(heading) / inner, speed * math.sin(heading)
     mover.curvature = curvature / inner
     lean = heading + math.atan(rear * mover.curvature)
     c, s = abs(math.cos(lean)), abs(math.sin(lean))
-    if s < ALONG:  # rounding
+    if s < ALONG:  # rounding; so small an angle equals its sine
         c, s = 1.0, 0.0
     mover.half_length = 0.5 * (length * c + width * s)
     mover.half_width = 0.5 * (length * s + width * c)
@@ -136,9 +136,9 @@ def _tell(tell: Any, count: int, number: int, body: Any, line: Any, along: float
 
 @kernel
 def first_of(scenario: Any, row: int) -> int:
-    """Index of the first of the two `SCENARIO` records of a row.
+    """Index of a row's first `SCENARIO` record; the second follows it.
 
-    Most worlds have two records for all rows; where cases change the vehicle, two a row.
+    Two records serve all rows; where cases change the vehicle, each row has two of its own.
     """
     return 2 * row if len(scenario) > 2 else 0
 
@@ -353,7 +353,8 @@ def _read_ego(ego: Any, shown: FloatArray, scenario: Any) -> bool:
 def _read_actor(last: FloatArray, shown: FloatArray) -> bool:
     """Take in an actor from SUMO, unless its motion is impossible; return whether it was possible.
 
-    last, shown: as of `_read_ego`, a step ago and now; `last` receives `shown`.
+    last: receives `shown`; holds what SUMO showed a step ago.
+    shown: as of `_read_ego`.
     """
     near = abs(shown[0] - last[0]) < FARTHEST and abs(shown[1] - last[1]) < FARTHEST
     if not (near and 0.0 <= shown[2] <= 360.0 and LOWEST_SPEED < shown[3] < FASTEST):
@@ -365,9 +366,10 @@ def _read_actor(last: FloatArray, shown: FloatArray) -> bool:
 
 @rows
 def read_rows(scenes: Scenes, scenario: Records, numbers: Any, read: FloatArray, odd: Any) -> int:
-    """Take in the vehicles that SUMO moves; return how many remain to be read one by one.
+    """Take in vehicles as SUMO shows them; return how many remain to be read one by one.
 
-    These are egos that turned or changed lane, and vehicles whose motion is impossible.
+    These are egos that `_read_ego` does not take in, such as all that SUMO does not move, and
+    actors whose motion is impossible.
 
     numbers: of the vehicles, as in `tell` of `move_rows`.
     read: what SUMO shows of each, as `shown` of `_read_ego`, (k, 4).
@@ -378,10 +380,10 @@ def read_rows(scenes: Scenes, scenario: Records, numbers: Any, read: FloatArray,
     for k, number in enumerate(numbers):
         row, j = number // width, number % width
         if j > 0:
-            possible = _read_actor(scenes.shown[row, j - 1], read[k])
+            is_read = _read_actor(scenes.shown[row, j - 1], read[k])
         else:
-            possible = _read_ego(scenes.egos[row], read[k], scenario[first_of(scenario, row)])
-        if not possible:
+            is_read = _read_ego(scenes.egos[row], read[k], scenario[first_of(scenario, row)])
+        if not is_read:
             odd[remaining] = number
             remaining += 1
     return remaining
@@ -445,6 +447,7 @@ def _stand(other: Any, shown: FloatArray, line: Any) -> None:
 def _go_back(body: Any, share: float) -> None:
     """Put a vehicle where it was when a share of the step had passed."""
     was, at = body.before, body.map
+    # `body_of` takes a pose (on the map, then in the frame), the speeds of that time, and the size
     on_map = between(body_of(was.map, was, body), body_of(at, body, body), share)
     at.x, at.y, at.heading = on_map.x, on_map.y, on_map.heading
     in_frame = between(body_of(was, was, body), body_of(body, body, body), share)
@@ -501,6 +504,10 @@ def see_rows(
 ) -> int:
     """Finish a step after SUMO's: positions, contact, ends, samples, what rules see next; return
     how many cases have ended.
+
+    Of several reasons the first of these wins: a reason set before; contact, unless it is beyond
+    the road's length; off_road, road_end, standstill, time_limit, decided (`_end`). The numbers of
+    `records.REASONS` are not this order.
 
     line: knots of the road's line; none: it is straight.
     steps: of the world, this one included.
@@ -560,7 +567,8 @@ def _stand_row(
             continue
         ahead, left = at[0] - other.front_x, at[1] - other.front_y
         off = math.sqrt(ahead * ahead + left * left)
-        # inf: no script says where the actors should be
+        # `scripted_until` is inf of `lively` scenarios: SUMO's models may drive their actors, so no
+        # script gives a place to compare with
         if sampling and off > SCRIPT_TOLERANCE and ego.scripted_until < math.inf:
             count_clip(clips, OFF_SCRIPT, now, 0.0, off)
         _stand(other, at, line)
@@ -621,8 +629,9 @@ def _move_actors(
     """Move the actors by one step of their scripts, and append their rows to `tell`; return the new
     number of rows.
 
+    Also writes their `told`, as in `records.OTHER`.
+
     count: rows of `tell` so far.
-    `told` of an actor becomes 2 if it has a row, 0 if SUMO moves it by itself on its lane, else 1.
     """
     egos, others = cast.egos, cast.others
     plays, acts = cast.plays, cast.acts
