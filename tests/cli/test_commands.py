@@ -127,7 +127,7 @@ partition front_vehicle_cutout | Did you mean `front_vehicle_cut_out`?
 run --resume | need `--out`
 run --resume --out nowhere | there is no run to resume
 sample cut_in --method sobol --out x | needs `--count`
-sample cut_in --method sobl --count 8 --out x | 'sobol'
+sample cut_in --method sobl --count 8 --out x | Did you mean `sobol`?
 run --out x --workers 0 | --workers
 """,
         str.split,

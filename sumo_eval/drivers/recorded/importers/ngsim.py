@@ -2,9 +2,13 @@
 data.transportation.gov.
 
 Traps: x, y is the centre of the FRONT; Local_X grows to the right from the left road edge, Local_Y
-along the road; lane 1 is the leftmost, 6 an auxiliary lane, 7 and 8 ramps; vehicle ids are used
-again, in other recordings of the same file and within one; speeds and accelerations are rough
-differences, so accelerations are derived again from smoothed speeds.
+along the road; vehicle ids are used again, in other recordings of the same file and within one;
+speeds and accelerations are rough differences, so `v_Acc` is not read: `recordings.py` derives
+accelerations from smoothed speeds.
+
+Lane 1 is the leftmost. On US-101 lane 5 is the right main lane, 6 an auxiliary lane, 7 and 8 are
+ramps. On I-80 lane 6 is the right main lane, 7 the ramp at Powell Street, 9 the shoulder. Only the
+25 columns have the road, as `Location`. Without it, and on streets, lanes are read as on US-101.
 
 Users: `drivers/recorded/importing.py`.
 """
@@ -23,7 +27,8 @@ from sumo_eval.drivers.recorded.importers.tables import (
 from sumo_eval.input_file import input_file
 
 FOOT = 0.3048  # m
-MAIN_LANES = 5  # of US-101 and I-80
+US_101, I_80 = "us-101", "i-80"  # in the column `Location`, which also has streets
+RIGHT_LANES = {US_101: 5, I_80: 6}  # number of the right main lane
 _ORIGINAL = (
     "Vehicle_ID", "Frame_ID", "Total_Frames", "Global_Time", "Local_X", "Local_Y", "Global_X",
     "Global_Y", "v_length",
@@ -60,17 +65,24 @@ def read(path: Path) -> Samples:
             "length": FOOT * rows["v_length"],
             "width": FOOT * rows["v_Width"],
             "class": rows["v_Class"].map(_CLASSES).fillna("car"),
-            "lane": MAIN_LANES - rows["Lane_ID"].astype(np.int64),
+            "lane": rows["right_lane"] - rows["Lane_ID"].astype(np.int64),
         }
     )
     # y = 0: where a recording's vehicles drive (median) in that lane of it nearest to lane 0
     lanes_off = table["lane"].abs()
     right = table["y"].where(lanes_off == lanes_off.groupby(table["recording"]).transform("min"))
     table["y"] -= right.groupby(table["recording"]).transform("median")
-    notes = [
-        f"{path.name} has no headings: 0 is assumed. Its lane {MAIN_LANES} is the right lane "
-        "(lane 0); lanes beyond it are auxiliary lanes and ramps."
-    ]
+    notes = [f"{path.name} has no headings: 0 is assumed."]
+    for place, lane in rows.groupby("place")["right_lane"].first().items():
+        notes.append(
+            f"Lane {lane} of {place} is taken as the right lane (lane 0), lanes beyond it as "
+            "auxiliary lanes and ramps."
+        )
+    if "Location" not in rows and (rows["Lane_ID"] == RIGHT_LANES[I_80]).any():
+        notes.append(
+            f"{path.name} names no road: US-101 is assumed. On I-80 its lane {RIGHT_LANES[I_80]} "
+            "would be a main lane."
+        )
     if not rows["v_Class"].isin(_CLASSES).all():
         notes.append(f"{path.name} has classes beyond 1 to 3: those are assumed to be cars.")
     if again.any():
@@ -82,7 +94,9 @@ def read(path: Path) -> Samples:
 
 
 def _rows(path: Path) -> pd.DataFrame:
-    """The file's samples, with a column `place`, sorted by place, vehicle and time."""
+    """The file's samples, sorted by place, vehicle and time, with columns `place` and
+    `right_lane`, the number of the right main lane there.
+    """
     with input_file(path, "file").open("rb") as file:
         first = file.readline().lstrip()
     # a head row begins with a title, maybe behind a quote, a byte order mark, or the comma of a
@@ -97,5 +111,10 @@ def _rows(path: Path) -> pd.DataFrame:
     else:
         rows = read_table(path, (), sep=r"\s+", header=None, names=_ORIGINAL)
     checked_numbers(rows, _NEEDED, path, heading=int(has_head_row))
-    rows["place"] = rows["Location"].astype(str) if "Location" in rows else path.stem
+    rows["place"] = path.stem
+    rows["right_lane"] = RIGHT_LANES[US_101]
+    if "Location" in rows:
+        rows["place"] = rows["Location"].astype(str)
+        known = rows["place"].str.lower().map(RIGHT_LANES)
+        rows["right_lane"] = known.fillna(RIGHT_LANES[US_101]).astype(np.int64)
     return rows.sort_values(["place", "Vehicle_ID", "Global_Time"], kind="stable")
