@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 
 from sumo_eval.cosim.doors.traci_numbers import finite_number, shown
+from sumo_eval.cosim.records import SAME_TIME
 from sumo_eval.cosim.vehicle_model import Command, Pedals
 from sumo_eval.errors import ControllerError, said
 from sumo_eval.frozen import frozen
@@ -27,7 +28,6 @@ from sumo_eval.settings import SimulationSettings
 
 _Numbers = Sequence[float]  # of an ego (x, y, heading, speed, ...), or one field of a plan
 _SAME_PLACE = 1e-6  # m, points closer than this are the same place
-_SAME_TIME = 1e-9  # s, rounding of sums of steps
 
 
 @frozen(eq=False)
@@ -190,7 +190,7 @@ class Executor:
         limits = self._vehicle
         plan = track.at(time)
         direction, plan_speed = plan[2:]
-        if time > track.end + _SAME_TIME:
+        if time > track.end + SAME_TIME:
             self._note("plan_ended", track.end, time)
         dx, dy = plan[0] - x, plan[1] - y
         self._note("plan_error", 0.0, sqrt(dx * dx + dy * dy))

@@ -184,6 +184,7 @@ the finer the step, the more often. So such a rule decides once a cycle, as a co
 cycle is a whole number of steps.
 """
 
+SAME_TIME = 1e-9  # s, rounding of sums of steps
 SUMO, MODEL, PLANT = 0, 1, 2  # what moves the ego
 # These numbers are no order: `step_rules.see_rows` says which reason wins.
 REASONS: tuple[EndReason | None, ...] = (

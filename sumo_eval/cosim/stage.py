@@ -365,12 +365,13 @@ class Stage:
         numbers = received[:, 0].astype(int).tolist()
         places = received[:, 1:3].tolist()
         shown = map(self.calls.getPosition, [self._flat[number] for number in numbers])
-        y = received[:, 3]
-        allowed = bend_tolerance(self._road, y) if self._bent else np.full(len(y), self.tolerance)
-        for number, (x, y), (shown_x, shown_y), most in zip(
-            numbers, places, shown, allowed.tolist(), strict=True
+        tolerances = [self.tolerance] * len(numbers)
+        if self._bent:
+            tolerances = bend_tolerance(self._road, received[:, 3]).tolist()
+        for number, (x, y), (shown_x, shown_y), tolerance in zip(
+            numbers, places, shown, tolerances, strict=True
         ):
-            if not math.hypot(shown_x - x, shown_y - y) <= most:  # `not`: finds a nan as well
+            if not math.hypot(shown_x - x, shown_y - y) <= tolerance:  # `not`: finds a nan as well
                 row, column = divmod(number, self._width)
                 self._fail(
                     world, row, column,

@@ -36,6 +36,7 @@ from sumo_eval.cosim.records import (
     OFF_SCRIPT,
     PLANT,
     ROAD_END,
+    SAME_TIME,
     SCRIPT_TOLERANCE,
     STANDSTILL,
     STRAIGHT,
@@ -57,8 +58,6 @@ from sumo_eval.scenario.touch import (
     within_a_turn,
 )
 from sumo_eval.trajectory import FloatArray
-
-_SAME_TIME = 1e-9  # s, rounding of sums of steps
 
 # -- what rules see --------------------------------------------------------------------------------
 
@@ -153,7 +152,7 @@ def _sample(samples: Any, vehicle: Any, time: float, acceleration: float, steeri
     samples: (instants, channels), in the order of `trajectory.CHANNELS`.
     """
     count = vehicle.samples
-    if count > 0 and time - samples[count - 1, 0] < _SAME_TIME:
+    if count > 0 and time - samples[count - 1, 0] < SAME_TIME:
         return
     values = time, vehicle.x, vehicle.y, vehicle.heading, vehicle.speed, acceleration, steering
     for k, value in enumerate(values):
@@ -464,9 +463,9 @@ def _end(ego: Any, others: Any, scenario: Any, now: float) -> int:
         return OFF_ROAD
     if ego.x >= road.length:
         return ROAD_END
-    if ego.stood >= scenario.standstill_time - _SAME_TIME:
+    if ego.stood >= scenario.standstill_time - SAME_TIME:
         return STANDSTILL
-    if now >= scenario.time_limit - _SAME_TIME:
+    if now >= scenario.time_limit - SAME_TIME:
         return TIME_LIMIT
     # decided: the ego keeps its motion, and no vehicle that also does would touch it
     if scenario.end_when_decided == 0 or ego.settled == 0 or ego.acceleration != 0.0:

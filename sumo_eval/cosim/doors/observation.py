@@ -21,6 +21,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from sumo_eval.cosim.records import SAME_TIME
 from sumo_eval.kernels import Records
 from sumo_eval.scenario.bodies import BODIES, CAR, half_sizes
 from sumo_eval.scenario.concrete import ConcreteScenario, Road, lane_at
@@ -42,7 +43,6 @@ _COVERED = 0.8  # a vehicle is hidden if a nearer one covers more than this shar
 # width; (5, 1, 1), for bodies (n, m).
 _AHEAD, _LEFT = np.array([(0, 0), (1, 1), (1, -1), (-1, -1), (-1, 1)]).T[:, :, None, None]
 _DRAWN = 64  # steps for which random numbers are drawn at once
-_SAME_TIME = 1e-9  # s, rounding of sums of steps
 
 
 def limits_of(conditions: ConditionSettings) -> tuple[float, ...]:
@@ -610,12 +610,12 @@ class Perception:
         memory = self._memory
         memory.append((time, egos, seen))
         longest, shortest = self._delays
-        while len(memory) > 1 and memory[1][0] <= time - longest + _SAME_TIME:
+        while len(memory) > 1 and memory[1][0] <= time - longest + SAME_TIME:
             memory.popleft()
         # all cases see the oldest step: no delay is so short that its case sees the next step
-        if len(memory) == 1 or memory[1][0] > time - shortest + _SAME_TIME:
+        if len(memory) == 1 or memory[1][0] > time - shortest + SAME_TIME:
             return memory[0][1:]
-        latest = time - self._limits[:, 0] + _SAME_TIME
+        latest = time - self._limits[:, 0] + SAME_TIME
         # index of the newest step that each case may see; -1: none yet, it sees the oldest
         places = np.searchsorted([it[0] for it in memory], latest, side="right") - 1
         egos = egos.copy()
