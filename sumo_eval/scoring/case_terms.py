@@ -138,17 +138,19 @@ def scores_of(
     method: MethodSettings,
     hits: score_terms.Counts | None = None,
     *,
-    exposed: bool | None = None,
+    rows: IntArray | slice = slice(None),
 ) -> ScoreSamples:
     """Every score of `COMPUTED` in each of m samples, by name, (m,) each; nan where it does not
     exist.
 
-    terms: of the cases.
+    terms: of all cases.
     counts: how often each case occurs in each sample, (m, n), see `score_terms`.
     hits: the same for C, and for whether a sample has a D (`intervals.py` draws collisions without
         balance). None: `counts` serves for C, and D exists in every sample if no case voids it.
-    exposed: whether any case has an exposure; None: look at the cases in `terms`.
+    rows: the n cases to read. Which sums are asked for does not depend on them.
     """
+    exposed = terms.exposure.any()  # whether any of all cases has an exposure
+    terms = terms.part(rows)
 
     def mean(values: FloatArray) -> FloatArray:
         """Mean of a value of the cases in each sample, by exposure, (m,)."""
@@ -162,7 +164,7 @@ def scores_of(
     harm = terms.severity, terms.ideal, terms.unreacting
     avoided = score_terms.avoided_share(*harm, terms.weight, counts)
     by_exposure = np.full(d.shape, np.nan)  # where no case has an exposure
-    if terms.exposure.any() if exposed is None else exposed:
+    if exposed:
         by_exposure = score_terms.avoided_share(*harm, terms.exposure, counts)
     human, task = mean(terms.likeness), mean(terms.task)
     grade = score_terms.avoidance_grade(avoided, method.task.sharpness)
@@ -184,8 +186,7 @@ def scores_of(
 
 def point_values(terms: CaseTerms, method: MethodSettings) -> dict[str, float | None]:
     """Every score of `COMPUTED` of the cases themselves, by name; None if it does not exist."""
-    counts = score_terms.once(len(terms.exposure))
-    values = scores_of(terms, counts, method, counts)
+    values = scores_of(terms, score_terms.once(len(terms.exposure)), method)
     return {name: None if np.isnan(value[0]) else float(value[0]) for name, value in values.items()}
 
 

@@ -41,7 +41,6 @@ from scipy.special import chdtri, ndtr, stdtrit
 from sumo_eval.frozen import frozen
 from sumo_eval.method.score_terms import (
     AskedTerms,
-    Counts,
     KnownSums,
     avoidance_grade,
     excess,
@@ -167,7 +166,6 @@ class _Sums:
         # index of the case at each of the points, -1: the ADS has no case there
         self._rows = np.full(points, -1)
         self._rows[ads.points] = np.arange(len(ads.points))
-        self._exposed = bool(ads.terms.exposure.any())  # whether any case has an exposure
         self._unseen = UnseenCollisions.of(ads, method)
         # sums by balanced counts, and by drawn counts, (m, terms) each
         self._balanced: Any = 0.0
@@ -179,28 +177,13 @@ class _Sums:
         has_case = rows >= 0
         if not has_case.all():
             counts, drawn, rows = counts[:, has_case], drawn[:, has_case], rows[has_case]
-        asked, hits = self._asked(rows)
-        self._balanced += counts @ np.column_stack(asked)
-        self._drawn += drawn @ np.column_stack(hits)
-
-    def _asked(self, rows: IntArray | slice) -> tuple[list[FloatArray], list[FloatArray]]:
-        """Terms of some cases: those to sum by balanced counts (of the scores, then of unseen
-        collisions), and those to sum by drawn counts.
-
-        rows: indices of the cases.
-
-        Number and order of the terms do not depend on the cases.
-        """
+        # terms to sum by balanced counts (of the scores, then of unseen collisions), and by drawn
+        # counts; their number and order do not depend on the cases
         asked, hits = AskedTerms(), AskedTerms()
-        self._scores(rows, asked, hits)
-        return [*asked.terms, *(terms[rows] for terms in self._unseen.terms)], hits.terms
-
-    def _scores(self, rows: IntArray | slice, counts: Counts, hits: Counts) -> ScoreSamples:
-        """The scores of some cases in each replicate. With `AskedTerms` as counts, this records the
-        terms to sum.
-        """
-        terms = self._ads.terms.part(rows)
-        return scores_of(terms, counts, self._method, hits, exposed=self._exposed)
+        scores_of(self._ads.terms, asked, self._method, hits, rows=rows)
+        balanced = [*asked.terms, *(terms[rows] for terms in self._unseen.terms)]
+        self._balanced += counts @ np.column_stack(balanced)
+        self._drawn += drawn @ np.column_stack(hits.terms)
 
     def intervals(self, groups: Strata, seed: int, scenario: str) -> ScoreIntervals:
         """The intervals, once all points have been added."""
@@ -208,8 +191,9 @@ class _Sums:
         sums = self._balanced.T
         # number of sums of the scores; those of unseen collisions follow
         of_scores = len(sums) - len(self._unseen.terms)
+        known, drawn = KnownSums(sums[:of_scores]), KnownSums(self._drawn.T)
         # scores from known sums: `slice(0, 0)`, because no case is read
-        plain = self._scores(slice(0, 0), KnownSums(sums[:of_scores]), KnownSums(self._drawn.T))
+        plain = scores_of(ads.terms, known, method, drawn, rows=slice(0, 0))
 
         def stream(*names: str) -> np.random.Generator:
             """A random stream by its names."""

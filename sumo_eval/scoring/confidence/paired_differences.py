@@ -12,8 +12,8 @@ Users: `scoring/comparison.py`.
 
 import numpy as np
 
-from sumo_eval.method.score_terms import AskedTerms, Counts, KnownSums
-from sumo_eval.scoring.case_terms import SCORES, CaseTerms, ScoreSamples, point_values, scores_of
+from sumo_eval.method.score_terms import AskedTerms, KnownSums
+from sumo_eval.scoring.case_terms import SCORES, CaseTerms, ScoreSamples, scores_of
 from sumo_eval.scoring.confidence.resamples import one_list, resamples
 from sumo_eval.settings import MethodSettings
 from sumo_eval.settings.random_streams import random_stream
@@ -30,14 +30,13 @@ Run = tuple[CaseTerms, MethodSettings]
 
 
 def paired_differences(base: Run, new: Run, replicates: int, seed: int) -> ScoreSamples:
-    """Quantity of `COMPARED` that both runs have -> new minus base, a value for each replicate in
-    which both exist.
+    """Quantity of `COMPARED` -> new minus base, a value for each replicate in which both exist.
 
     base, new: terms of the cases at the same points, in the same order.
     replicates: number of replicates.
     """
     runs = base, new
-    tables = [_terms(run, seed) for run in runs]
+    tables = [_terms(*run, seed) for run in runs]
     sums = [np.zeros((replicates, table.shape[1])) for table in tables]
     for part in resamples(one_list(len(tables[0])), replicates, seed, ("comparison",)):
         for total, table in zip(sums, tables, strict=True):
@@ -45,30 +44,21 @@ def paired_differences(base: Run, new: Run, replicates: int, seed: int) -> Score
 
     # scores from known sums: `slice(0, 0)`, because no case is read
     before, after = (
-        _scores(run, slice(0, 0), KnownSums(total.T)) for total, run in zip(sums, runs, strict=True)
+        scores_of(terms, KnownSums(total.T), method, rows=slice(0, 0))
+        for total, (terms, method) in zip(sums, runs, strict=True)
     )
-    whole = [point_values(*run) for run in runs]
-    return {
-        name: (change := after[score] - before[score])[np.isfinite(change)]
-        for name, score in COMPARED.items()
-        if all(values[score] is not None for values in whole)
-    }
+    changes = {name: after[score] - before[score] for name, score in COMPARED.items()}
+    return {name: change[np.isfinite(change)] for name, change in changes.items()}
 
 
-def _terms(run: Run, seed: int) -> FloatArray:
+def _terms(terms: CaseTerms, method: MethodSettings, seed: int) -> FloatArray:
     """The k terms that the scores of a run sum, of each case, (n, k); sums over blocks if there are
     more than `MOST_DRAWN` cases, (BLOCKS, k).
     """
-    asked, n = AskedTerms(), len(run[0].collided)
-    _scores(run, slice(0, n), asked)
+    asked, n = AskedTerms(), len(terms.collided)
+    scores_of(terms, asked, method)
     if n <= MOST_DRAWN:
         return np.column_stack(asked.terms)
     order = random_stream(seed, "blocks of scenarios").permutation(n)
     starts = np.arange(BLOCKS) * n // BLOCKS
     return np.column_stack([np.add.reduceat(term[order], starts) for term in asked.terms])
-
-
-def _scores(run: Run, rows: slice, counts: Counts) -> ScoreSamples:
-    """The scores of some cases of a run in each sample."""
-    terms, method = run
-    return scores_of(terms.part(rows), counts, method, exposed=bool(terms.exposure.any()))
