@@ -61,7 +61,7 @@ def alarms(counts: Behaviour) -> list[str]:
     causes = (
         (counts.departures, f"left the road in {count(counts.departures, 'case')}"),
         (counts.gave_up, f"gave up {count(counts.gave_up, 'case')}"),
-        (counts.avoidable, count(counts.avoidable, "avoidable collision")),
+        (counts.avoidable_collisions, count(counts.avoidable_collisions, "avoidable collision")),
         (counts.stands, f"stands in {count(counts.stands, 'safe case')} where drivers drive on"),
         (counts.slower, f"slower than the slowest driver in {count(counts.slower, 'safe case')}"),
         (
@@ -77,8 +77,8 @@ def safety_words(evaluation: Evaluation, behaviour: Behaviour) -> str:
     """Harm of an ADS: `3 avoidable collisions in 192 cases, worst 43 km/h; as much excess impact
     speed as one 50 km/h contact every 24 cases of this grid`.
     """
-    collides = behaviour.avoidable > 0
-    words = count(behaviour.avoidable, "avoidable collision")
+    collides = behaviour.avoidable_collisions > 0
+    words = count(behaviour.avoidable_collisions, "avoidable collision")
     words = words if collides else "no avoidable collision"
     words += f" in {count(behaviour.cases, 'case')}"
     words += f", worst {3.6 * behaviour.worst:z.0f} km/h" if behaviour.worst else ""

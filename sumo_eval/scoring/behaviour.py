@@ -11,8 +11,9 @@ import numpy as np
 from sumo_eval.case_table import point_numbers
 from sumo_eval.cases import CaseResult
 from sumo_eval.results import Evaluation, RankedAds
-from sumo_eval.scoring.findings import findings_of, mean_of
+from sumo_eval.scoring.findings import Findings, findings_of, mean_of
 from sumo_eval.scoring.rule import sign_test
+from sumo_eval.trajectory import FloatArray
 
 CONTACT = 50.0 / 3.6
 """Impact speed that counts as one contact in `Behaviour.contacts`, m/s."""
@@ -23,7 +24,7 @@ BY_CHANCE = 0.05
 class Behaviour(NamedTuple):
     """One ADS in all scenarios of a run. Integers are numbers of cases.
 
-    avoidable: collisions that the ideal vehicle avoids.
+    avoidable_collisions: those that the ideal vehicle avoids.
     stands: safe cases in which the ADS stands where the references drive.
     slower: safe cases in which the ADS does not stand but is slower than the references.
     implausible: safe cases of plausibility 0, beyond all recorded people; 0 if these are at most
@@ -37,13 +38,13 @@ class Behaviour(NamedTuple):
     ads: str
     cases: int
     collisions: int
-    avoidable: int
+    avoidable_collisions: int
     departures: int
+    gave_up: int
+    not_evaluated: int
     stands: int
     slower: int
     implausible: int
-    gave_up: int
-    not_evaluated: int
     worst: float
     excess: float
     grade: float | None
@@ -65,7 +66,8 @@ def ranked(evaluation: Evaluation) -> tuple[RankedAds, ...]:
     for ads in evaluation.ads_names:
         scores = [score for score in evaluation.scores if score.ads == ads]
         interval = scores[0].s_plus_interval if len(scores) == 1 else None
-        order.append(RankedAds(ads, None, _mean((it.s_plus, 1.0) for it in scores), interval))
+        mean = _mean([it.s_plus for it in scores], [1.0] * len(scores))
+        order.append(RankedAds(ads, None, mean, interval))
     # -S+ is at most 0, so 1.0 puts an ADS without S+ last
     return tuple(sorted(order, key=lambda ads: 1.0 if ads.s_plus is None else -ads.s_plus))
 
@@ -79,52 +81,37 @@ def behaviour_of(evaluation: Evaluation, ads: str) -> Behaviour:
     stands = sum(int(findings.stands.sum()) for findings in parts)  # `slow` contains these cases
     # whether each safe case with a human-likeness has plausibility 0
     beyond = np.concatenate([part.cases.plausibility[part.likened] == 0.0 for part in parts])
-
-    def total(field: str) -> int:
-        """Sum of a field of the scores over the scenarios."""
-        return sum(getattr(score, field) for score in scores)
-
-    def mean(values: Iterable[float | None], *, skip_missing: bool = False) -> float | None:
-        """Mean of a value of each scenario.
-
-        skip_missing: whether a scenario without a value is left out. If not, the mean is None.
-        """
-        return _mean(
-            pair
-            for pair in zip(values, weights, strict=True)
-            if not skip_missing or pair[0] is not None
-        )
-
+    excess = [mean_of(findings.beyond, findings.cases.exposure) for findings in parts]
+    counts = "cases", "collisions", "avoidable_collisions", "departures", "gave_up", "not_evaluated"
     return Behaviour(
         ads,
-        cases=total("cases"),
-        collisions=total("collisions"),
-        avoidable=total("avoidable_collisions"),
-        departures=total("departures"),
+        **{count: sum(getattr(score, count) for score in scores) for count in counts},
         stands=stands,
         slower=sum(int(findings.slow.sum()) for findings in parts) - stands,
         implausible=int(beyond.sum()) if beyond.sum() > len(beyond) / 2 else 0,
-        gave_up=total("gave_up"),
-        not_evaluated=total("not_evaluated"),
         worst=max(
             float(findings.cases.impact_speed[findings.cases.avoidable].max(initial=0.0))
             for findings in parts
         ),
-        excess=mean(
-            (mean_of(findings.beyond, findings.cases.exposure) for findings in parts),
-            skip_missing=True,
-        )
-        or 0.0,
-        grade=mean(score.avoidance_grade for score in scores),
-        human=mean((score.human_likeness for score in scores), skip_missing=True),
+        excess=_mean(excess, weights, skip_missing=True) or 0.0,
+        grade=_mean([score.avoidance_grade for score in scores], weights),
+        human=_mean([score.human_likeness for score in scores], weights, skip_missing=True),
     )
 
 
-def _mean(values: Iterable[tuple[float | None, float]]) -> float | None:
-    """The mean of pairs (value, weight). None if all weights are 0, or if a value is missing whose
-    weight is above 0.
+def _mean(
+    values: Sequence[float | None], weights: Sequence[float], *, skip_missing: bool = False
+) -> float | None:
+    """The weighted mean of a value of each scenario. None if all weights are 0, or if a value is
+    missing whose weight is above 0.
+
+    skip_missing: whether a scenario without a value is left out instead.
     """
-    pairs = list(values)
+    pairs = [
+        (value, weight)
+        for value, weight in zip(values, weights, strict=True)
+        if not (skip_missing and value is None)
+    ]
     whole = sum(weight for _, weight in pairs)
     if not whole or any(value is None for value, weight in pairs if weight):
         return None
@@ -176,14 +163,12 @@ def worst_case(evaluation: Evaluation, order: Sequence[str]) -> CaseResult | Non
     order: names of the ADSs.
     """
     for ads in order:
-        worst: list[tuple[float, str, CaseResult]] = []
-        for findings in findings_of(evaluation, ads):
-            losses = np.nan_to_num(findings.share_lost)
-            if (most := float(losses.max(initial=0.0))) > 0.0:
-                # of equal cases the last name counts, by `max`
-                worst += [(most, case.case, case) for case in findings.cases[losses == most]]
-        if worst:
-            return max(worst)[2]
+        worst = _least(
+            (it, np.where(it.share_lost > 0.0, -it.share_lost, np.nan))
+            for it in findings_of(evaluation, ads)
+        )
+        if worst is not None:
+            return worst
     return least_human(evaluation, order[0])
 
 
@@ -191,10 +176,19 @@ def least_human(evaluation: Evaluation, ads: str) -> CaseResult | None:
     """The case without a collision in which an ADS is least human-like; None without such a
     case.
     """
+    return _least(
+        (it, np.where(it.cases.collided, np.nan, it.cases.human_likeness))
+        for it in findings_of(evaluation, ads)
+    )
+
+
+def _least(values_of: Iterable[tuple[Findings, FloatArray]]) -> CaseResult | None:
+    """The case with the least value; of equal cases the first by name. None if all are nan.
+
+    values_of: findings of some scenarios, and a value of each case, (n,).
+    """
     least = []
-    for findings in findings_of(evaluation, ads):
-        likeness = np.where(findings.cases.collided, np.inf, findings.cases.human_likeness)
-        lowest = float(np.fmin.reduce(likeness, initial=np.inf))  # fmin leaves out nan
-        if lowest < np.inf:
-            least += [(lowest, case.case, case) for case in findings.cases[likeness == lowest]]
+    for findings, values in values_of:
+        lowest = float(np.fmin.reduce(values, initial=np.inf))  # fmin leaves out nan
+        least += [(lowest, case.case, case) for case in findings.cases[values == lowest]]
     return min(least)[2] if least else None
