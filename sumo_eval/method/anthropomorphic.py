@@ -63,22 +63,22 @@ OPERATION_DEVIATION_FLOOR = 0.5
 
 @frozen
 class Likeness:
-    """Three factors of a safe case's part in H, 0..1 each. `scoring/quantities.py` multiplies them
-    by a fourth one, plausibility.
+    """Three factors of a safe case's part in H, 0..1 each, named as in the case's row.
+    `scoring/quantities.py` multiplies them by a fourth one, plausibility.
 
-    length_factor: f_L, by the mean length of all drivers.
+    likeness_length_factor: f_L, by the mean length of all drivers.
     operation_tolerance: f_n+, from the function `operation_tolerance`.
-    similarity: of mixture mode.
+    mixture_similarity: of mixture mode.
     """
 
-    length_factor: float
+    likeness_length_factor: float
     operation_tolerance: float
-    similarity: float
+    mixture_similarity: float
 
     @property
     def value(self) -> float:
         """The product of the three factors."""
-        return self.length_factor * self.operation_tolerance * self.similarity
+        return self.likeness_length_factor * self.operation_tolerance * self.mixture_similarity
 
 
 @frozen

@@ -87,13 +87,15 @@ def _parts(evaluation: Evaluation, other: Evaluation) -> list[tuple[bool, dict[s
         for name, sha256 in manifest.get("sha256", {}).items()
         if name.startswith(INPUTS)
     }
-    # hash of the file of a user's own severity, which may have been edited
+    # hashes of files that may have been edited: of a user's own severity, and of scenarios
     severity = str(manifest.get("severity", {}).get("sha256", ""))
+    files = {
+        f"{_FILE}{name}": it.get("file", "")[:12] or ABSENT
+        for name, it in evaluation.exposures.items()
+    }
     # Runs of an earlier version have no reference car, so their T and S+ are not comparable with
     # later ones. All scores of a run have the same car: look at the first.
     cars = [score.task_reference or "none" for score in evaluation.scores[:1]]
-    # hashes of scenario files, which may have been edited
-    files = {f"{_FILE}{name}": it.get("file", "")[:12] for name, it in evaluation.exposures.items()}
     # whether a version decides -> name -> version
     versions: dict[bool, dict[str, str]] = {True: {}, False: {}}
     for name, version in manifest.get("versions", {}).items():
@@ -102,9 +104,9 @@ def _parts(evaluation: Evaluation, other: Evaluation) -> list[tuple[bool, dict[s
     return [
         (True, dict(_flat(plain, ""))),
         (True, written),
-        (True, {what: digest for what, digest in files.items() if digest}),
-        (True, {"file of the severity": severity[:12]} if severity else {}),
-        (True, {"reference car of T": cars[0]} if cars else {}),
+        (True, files),
+        (True, {"file of the severity": severity[:12] or ABSENT}),
+        (True, {"reference car of T": car for car in cars}),
         *versions.items(),
         (False, {f"build of {ads}": build for ads, build in builds.items()}),
         (False, {f"controller of {ads.name}": ads.controller for ads in settings.ads}),

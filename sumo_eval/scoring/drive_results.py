@@ -49,9 +49,11 @@ from sumo_eval.scoring.space import ScenarioRun
 from sumo_eval.trajectory import FloatArray, Trajectories, Trajectory
 
 _AT_ONCE = 16  # points that a process computes before it returns them
-# numbers of measures of each kind
-_CRITICALITY, _LANE = len(fields(CriticalityMeasures)), len(fields(LaneKeeping))
-_MEASURED = tuple(item.name for part in (CriticalityMeasures, LaneKeeping) for item in fields(part))
+# fields of a case, in the order in which `DriveResult.numbers` begins
+_MEASURED = (
+    *(item.name for part in (CriticalityMeasures, LaneKeeping) for item in fields(part)),
+    "conflict_pet",
+)
 
 
 @frozen(eq=False)
@@ -62,7 +64,7 @@ class DriveResult:
     share: t_i; None without a reference.
     excused: whether the ego stands because of a road user, so that t_i leaves out the places that
         the ego did not reach.
-    numbers: criticality, extremes, lane keeping, PET of conflicting paths, in this order.
+    numbers: criticality, lane keeping, PET of conflicting paths (`_MEASURED`), then `EXTREMES`.
         `_numbers` makes them, `measures` reads them. Empty except for an ADS's evaluated case.
     """
 
@@ -78,14 +80,11 @@ class DriveResult:
         """
         if not len(self.numbers):
             return {}
-        *numbers, pet = self.numbers.tolist()
-        extremes = dict(zip(EXTREMES, numbers[_CRITICALITY:-_LANE], strict=True))
-        measured = zip(_MEASURED, numbers[:_CRITICALITY] + numbers[-_LANE:], strict=True)
-        return {
-            **{name: finite(value) for name, value in measured},
-            "plausibility": plausibility(extremes, people),
-            "conflict_pet": finite(pet),
-        }
+        numbers = self.numbers.tolist()
+        # strict=False: the extremes follow the measures
+        row = {name: finite(value) for name, value in zip(_MEASURED, numbers, strict=False)}
+        extremes = dict(zip(EXTREMES, numbers[len(_MEASURED) :], strict=True))
+        return row | {"plausibility": plausibility(extremes, people)}
 
 
 def finite(value: float) -> float | None:
@@ -200,17 +199,16 @@ def _results_at(point: _Point, store: Store) -> Iterator[tuple[str, DriveResult]
 def _numbers(fact: Fact, point: _Point, ego: Trajectory, actors: Trajectories) -> list[float]:
     """The numbers of a `DriveResult`."""
     hit = fact.collision
-    pet = math.nan
     course = course_of(ego, actors, hit, point.road)
-    extremes = extremes_of(course)
+    pet = math.nan
     if point.conflicting in actors:
         contact = hit if hit is not None and hit.other == point.conflicting else None
         pet = conflict_pet(ego, actors[point.conflicting], contact)
     return [
         *astuple(measures(ego, actors, hit, course)),
-        *(extremes[name] for name in EXTREMES),
         *astuple(lane_keeping(ego, point.road.lane_width)),
         pet,
+        *extremes_of(course).values(),
     ]
 
 

@@ -101,12 +101,9 @@ class Findings(NamedTuple):
     @property
     def missing(self) -> BoolArray:
         """Whether each case is missing from a mean, (n,): from all means, or from D alone."""
-        cases, reason = self.cases, self.score.d_reason
-        without_index = cases.counts_for_index & np.isnan(cases.index)  # index: D_i
-        if reason is not None and reason.why in ("collisions", "no_drivers"):
-            # there is no D from which a case could be missing
-            without_index = np.zeros(len(cases), np.bool_)
-        return np.asarray(cases.missing | without_index)
+        reason = self.score.d_reason
+        has_index = reason is None or reason.why not in ("collisions", "no_drivers")
+        return missing_cases(self.cases, has_index=has_index)
 
     @property
     def slow(self) -> BoolArray:
@@ -235,6 +232,18 @@ class Findings(NamedTuple):
             name: mean_of(getattr(some, field), some.exposure) for name, field in factors.items()
         }
         return {name: mean for name, mean in means.items() if mean is not None}
+
+
+def missing_cases(cases: CaseTable, *, has_index: bool) -> BoolArray:
+    """Whether each case of an ADS is missing from a mean, (n,): from all means, or from D alone.
+
+    has_index: whether there is a D from which a case without D_i could be missing: the scenario has
+        drivers, and no collision voids D.
+    """
+    missing = cases.missing
+    if has_index:
+        missing = missing | (cases.counts_for_index & np.isnan(cases.index))
+    return np.asarray(missing)
 
 
 def mean_of(values: FloatArray, exposure: FloatArray) -> float | None:

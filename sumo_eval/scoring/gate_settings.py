@@ -30,10 +30,10 @@ from sumo_eval.settings.checked import (
 )
 from sumo_eval.settings.config import read_checked
 
-INDEXES = {name: attribute for name, (attribute, _) in SCORES.items() if name != "regret"}
-"""Score that is better when higher -> field of ScenarioResult."""
-HIGHER_IS_BETTER = tuple(INDEXES)
-"""Names of scores that are better when higher. Any other number of an ADS is better when lower."""
+HIGHER_IS_BETTER = {name: field for name, (field, _) in SCORES.items() if name != "regret"}
+"""Score that is better when higher -> field of ScenarioResult. Any other number of an ADS is better
+when lower.
+"""
 WITH_INTERVAL = (*HIGHER_IS_BETTER, "regret", "collision_probability")
 """Quantities whose difference between two runs has an interval."""
 Change = Literal[

@@ -256,9 +256,8 @@ def _likeness_lines(findings: Findings) -> _Lines:
         each = np.full(len(hits), 1.0 / max(len(hits), 1))
         yield _line(findings, "D", NOT_COMPUTED, hits, lost=each, alone=-1.0, equation="18")
         return
-    indexed = cases.counts_for_index & np.isfinite(cases.index)
-    shares = findings.shares(indexed, cases.exposure)
-    yield from _factor_lines(findings, "D", np.flatnonzero(indexed), shares)
+    shares = findings.shares(findings.indexed, cases.exposure)
+    yield from _factor_lines(findings, "D", np.flatnonzero(findings.indexed), shares)
 
 
 def _factor_lines(

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from array import array
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import asdict, replace
 from itertools import chain
 from typing import Any, NamedTuple
 
@@ -319,15 +319,13 @@ def beside_people(
     """
     if zone == "hazardous":
         return {}
-    reference = people.references.get(fact.point)
-    band = reference and people.results.bands.get(reference.cases)
-    thin = reference.note if reference else None
-    if reference is None and settings.source == RECORDED:
-        thin = ThinReference(0, settings.least, None)
+    nobody = ThinReference(0, settings.least, None) if settings.source == RECORDED else None
+    without = PointReference((), (), 0, nobody, usable=False)
+    reference = people.references.get(fact.point, without)
     row: RowFields = {
-        "drivers": len(reference.cases) if reference else 0,
-        "recorded_drivers": reference.recorded if reference else 0,
-        "reference_note": thin,
+        "drivers": len(reference.cases),
+        "recorded_drivers": reference.recorded,
+        "reference_note": reference.note,
     }
     if (index := people.results.indexes.get(fact.case)) is not None:
         for name in ("length_factor", "operation_factor", "similarity"):
@@ -339,13 +337,9 @@ def beside_people(
         }
         if index.manoeuvre:
             row |= {"manoeuvre": words(index.manoeuvre), "manoeuvre_share": index.share}
-        if (likeness := index.likeness) is not None:  # the factors of H
-            row |= {
-                "likeness_length_factor": likeness.length_factor,
-                "operation_tolerance": likeness.operation_tolerance,
-                "mixture_similarity": likeness.similarity,
-            }
-    if band is not None:
+        if index.likeness is not None:
+            row |= asdict(index.likeness)
+    if (band := people.results.bands.get(reference.cases)) is not None:
         row |= {"human_low": min(band), "human_mean": float(np.mean(band)), "human_high": max(band)}
     return row
 

@@ -45,7 +45,7 @@ from sumo_eval.score_notes import (
 from sumo_eval.scoring.case_terms import case_terms, missing_bounds, point_values
 from sumo_eval.scoring.contact_cause import cause_of_contact
 from sumo_eval.scoring.drive_results import DriveResult, finite
-from sumo_eval.scoring.findings import LIKENESS_FACTORS
+from sumo_eval.scoring.findings import LIKENESS_FACTORS, missing_cases
 from sumo_eval.scoring.likeness import (
     DriverComparison,
     RowFields,
@@ -328,11 +328,7 @@ def combine(
     terms = case_terms(cases, method)
     values = point_values(terms, method)
     safe_cases, voiding = _number(cases.safe), _number(cases.voids_index)
-    is_missing = cases.missing
-    # D exists with human drivers and without a collision that voids it. Only then a case without
-    # D_i is missing from it.
-    if not voiding and people:
-        is_missing = is_missing | (cases.counts_for_index & ~np.isfinite(cases.index))
+    is_missing = missing_cases(cases, has_index=people and not voiding)
     missing = Counter[Zone](cases.zone[is_missing].tolist())
     bounds = missing_bounds(cases, terms, values, method, people=people) if missing else {}
     notes = list(notes)

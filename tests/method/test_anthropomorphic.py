@@ -596,7 +596,7 @@ def test_the_likeness_has_the_similarity_of_mixture_mode_in_either_mode():
         for mode in ("gaussian", "mixture")
     )
     assert gaussian.likeness == mixture.likeness
-    assert gaussian.likeness.similarity == mixture.similarity < 0.1 * gaussian.similarity
+    assert gaussian.likeness.mixture_similarity == mixture.similarity < 0.1 * gaussian.similarity
     assert gaussian.likeness.value == mixture.similarity  # f_L and f_n+ are 1
 
 

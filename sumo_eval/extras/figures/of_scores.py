@@ -20,7 +20,7 @@ from sumo_eval.extras.panels import FAINT, MUTED, Marks, Panel
 from sumo_eval.groups import grouped
 from sumo_eval.results import ScenarioResult
 from sumo_eval.scoring.findings import Findings
-from sumo_eval.scoring.gate_settings import INDEXES
+from sumo_eval.scoring.gate_settings import HIGHER_IS_BETTER
 from sumo_eval.scoring.ledger import Ledger, ledger, ledger_plus
 
 if TYPE_CHECKING:
@@ -71,7 +71,7 @@ def intervals(request: FigureRequest) -> Figure:
     One panel a score, with a line for each ADS in each scenario.
     """
     scores, panels = request.scores, []
-    for symbol, name in INDEXES.items():
+    for symbol, name in HIGHER_IS_BETTER.items():
         computed = all(getattr(score, name) is not None for score in scores)
         title = symbol if computed else f"{symbol} (no mark: not computed)"
         panels.append(Panel([*_interval_marks(request, name)], title))

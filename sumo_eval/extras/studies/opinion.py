@@ -21,7 +21,7 @@ from sumo_eval.report.opinion_section import OPINION, opinion_content
 from sumo_eval.report.page import Json, write_json
 from sumo_eval.report.study_page import write_study
 from sumo_eval.results import Evaluation
-from sumo_eval.scoring.gate_settings import INDEXES
+from sumo_eval.scoring.gate_settings import HIGHER_IS_BETTER
 
 LEAST, MOST = 1.0, 10.0  # of a rating
 FEWEST = 3  # pairs of rating and score that have a correlation
@@ -33,7 +33,7 @@ class RatedScore(NamedTuple):
     opinion: mean of its ratings, 1..10.
     deviation: standard deviation of its ratings.
     raters: number of its ratings.
-    scores: by name, as in `INDEXES`; None: not computed.
+    scores: by name, as in `HIGHER_IS_BETTER`; None: not computed.
     """
 
     ads: str
@@ -48,8 +48,8 @@ class Opinion(NamedTuple):
     """Comparison of ratings and scores.
 
     rows: one for each rated ADS and scenario.
-    correlations: score of `INDEXES` -> its Spearman's rho with the mean ratings; None where fewer
-        than `FEWEST` rows have the score, or where all ratings or all scores are equal.
+    correlations: score of `HIGHER_IS_BETTER` -> its Spearman's rho with the mean ratings; None
+        where fewer than `FEWEST` rows have the score, or where all ratings or all scores are equal.
     concordance: Kendall's W between the raters who rated all rows; None for fewer than two such
         raters, or where each of them gave one rating to all.
     """
@@ -89,13 +89,13 @@ def compare_opinion(evaluation: Evaluation, ratings: pd.DataFrame) -> Opinion:
     for (ads, scenario), group in ratings.groupby(["ads", "scenario"], sort=False):
         score, values = evaluation.score(str(ads), str(scenario)), group["score"]
         deviation = values.std() if values.size > 1 else 0.0
-        scores = {name: getattr(score, field) for name, field in INDEXES.items()}
+        scores = {name: getattr(score, field) for name, field in HIGHER_IS_BETTER.items()}
         rows.append(
             RatedScore(score.ads, score.scenario, values.mean(), deviation, values.size, scores)
         )
 
     correlations: dict[str, Agreement | None] = {}
-    for name in INDEXES:
+    for name in HIGHER_IS_BETTER:
         pairs = [(row.scores[name], row.opinion) for row in rows if row.scores[name] is not None]
         correlations[name] = None
         if len(pairs) >= FEWEST:
@@ -117,9 +117,9 @@ def _defined(agreement: Agreement) -> Agreement | None:
 
 def opinion_lines(opinion: Opinion) -> Iterator[str]:
     """The comparison as a table and sentences for a terminal."""
-    table = [("ADS", "scenario", "opinion", "raters", *INDEXES)]
+    table = [("ADS", "scenario", "opinion", "raters", *HIGHER_IS_BETTER)]
     for row in opinion.rows:
-        values = (row.scores[name] for name in INDEXES)
+        values = (row.scores[name] for name in HIGHER_IS_BETTER)
         scores = ("-" if value is None else f"{value:z.3f}" for value in values)
         mean = f"{row.opinion:z.2f} +/- {row.deviation:z.2f}"
         table.append((row.ads, row.scenario, mean, str(row.raters), *scores))
@@ -156,8 +156,8 @@ def opinion_json(opinion: Opinion) -> Json:
 
 
 def opinion_panels(run: Path) -> list[Panel]:
-    """A panel for each score of `INDEXES`: the score over the mean rating, with the deviation of
-    the ratings, from `opinion.json` in the run's folder.
+    """A panel for each score of `HIGHER_IS_BETTER`: the score over the mean rating, with the
+    deviation of the ratings, from `opinion.json` in the run's folder.
 
     Raises InputError for a run without ratings.
     """
