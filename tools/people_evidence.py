@@ -211,7 +211,9 @@ def evidence(people: list[Person], seed: int) -> pd.DataFrame:
                     "scenario": number,
                     "who": name,
                     "D": index.value,
-                    "D mixture": index.length_factor * index.operation_factor * found.similarity,
+                    "D mixture": index.length_factor
+                    * index.operation_factor
+                    * found.mixture_similarity,
                     "H": found.value * plausible,
                     "plausibility": plausible,
                 }

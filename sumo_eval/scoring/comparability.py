@@ -95,7 +95,7 @@ def _parts(evaluation: Evaluation, other: Evaluation) -> list[tuple[bool, dict[s
     }
     # Runs of an earlier version have no reference car, so their T and S+ are not comparable with
     # later ones. All scores of a run have the same car: look at the first.
-    cars = [score.task_reference or "none" for score in evaluation.scores[:1]]
+    car = next((score.task_reference or "none" for score in evaluation.scores), ABSENT)
     # whether a version decides -> name -> version
     versions: dict[bool, dict[str, str]] = {True: {}, False: {}}
     for name, version in manifest.get("versions", {}).items():
@@ -106,7 +106,7 @@ def _parts(evaluation: Evaluation, other: Evaluation) -> list[tuple[bool, dict[s
         (True, written),
         (True, files),
         (True, {"file of the severity": severity[:12] or ABSENT}),
-        (True, {"reference car of T": car for car in cars}),
+        (True, {"reference car of T": car}),
         *versions.items(),
         (False, {f"build of {ads}": build for ads, build in builds.items()}),
         (False, {f"controller of {ads.name}": ads.controller for ads in settings.ads}),
