@@ -117,6 +117,7 @@ def check_file(path: Path, texts: Mapping[str, str] | None = None) -> tuple[str,
         f"{len(chosen.refused)} more.",
         f"Exposure: {logical.exposure_about}.",
         *leaving(logical, chosen.points),
+        *logical.notes,
         *chosen.notes,
     )
 

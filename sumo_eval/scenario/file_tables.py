@@ -184,8 +184,12 @@ class RoadTable(Checked):
     )
     crossing: tuple[CrossingTable, ...] = setting((), "roads that cross this one")
 
-    def read(self, end: float, options: Numbers, where: str, folder: Path, *, reacts: bool) -> Road:
-        """The road; cases end at x = `end`, m.
+    def read(
+        self, end: float, options: Numbers, where: str, folder: Path, *, reacts: bool
+    ) -> tuple[Road, tuple[str, ...]]:
+        """The road, and words for contents of its file that have no effect.
+
+        end: x at which cases end, m.
 
         options: the value of every option.
         where: how errors call the file. folder: where its paths start.
@@ -196,7 +200,7 @@ class RoadTable(Checked):
             road = read_road(folder / self.network, self.edges, end)
             # where vehicles react, lanes must be the package's own (shadows in `cosim/traffic.py`):
             # with None a network is written instead of the user's
-            return replace(road, network=None) if reacts else road
+            return replace(road, network=None) if reacts else road, ()
 
         crossings: tuple[Crossing, ...] = ()
         # Different roads need different names: exported files are called by them. `hashed` is the
@@ -218,8 +222,9 @@ class RoadTable(Checked):
             raise must_be("`end.x`", where, f"at most the road's length {shape.length:g} m", end)
         if hashed:
             name += f"_{sha256(repr(hashed))[:6]}"
-        return Road(name, end, shape.lanes, shape.lane_width, shape.length - end, line=shape.line,
+        road = Road(name, end, shape.lanes, shape.lane_width, shape.length - end, line=shape.line,
                     spans=shape.spans, crossings=crossings)  # fmt: skip
+        return road, shape.left_out
 
     def _check_keys(self, where: str) -> None:
         """Refuse keys that cannot stand together."""
@@ -499,7 +504,7 @@ class ScenarioFile(Checked):
         if not parameters:
             raise InputError(f"{where} must have at least one [[parameter]].")
         names, definitions = self._names(parameters, options, where)
-        road = self.road.read(self.end.x, options, where, folder, reacts=self._reacts)
+        road, ignored = self.road.read(self.end.x, options, where, folder, reacts=self._reacts)
         placement = self._place(names, definitions, road)
         constraints = tuple(item.read(names, definitions) for item in self.constraint)
         requirements = tuple(
@@ -511,6 +516,9 @@ class ScenarioFile(Checked):
         self._check_used(names, definitions, requirements)
         units = {item.name: item.unit for item in parameters}
         names.distinct((item.name for item in self.sample), "sample")
+        notes = [f"Not simulated: {', '.join(ignored)}."] if ignored else []
+        if self.zone == "none":
+            notes.append("It declares no zones, so every point counts as safe.")
         return LogicalScenario(
             name=self.name,
             about=self.about or self.name,
@@ -527,6 +535,7 @@ class ScenarioFile(Checked):
             samples=tuple(item.read(names, units) for item in self.sample),
             default_sample=self.default_sample,
             has_drivers=self.people == "drivers",
+            notes=tuple(notes),
             options=self.option,
             requirements=Requirements(requirements, definitions) if requirements else None,
             **self._exposure(parameters, names, definitions, folder, constraints),
@@ -547,7 +556,7 @@ class ScenarioFile(Checked):
     ) -> dict[str, Any]:
         """Keywords of the logical scenario for its zone rule."""
         if self.zone == "none":
-            return {"notes": ("It declares no zones, so every point counts as safe.",)}
+            return {}
         # where the motion has no closed form, the zones need a search
         searched = placement.lively or placement.road.shaped or self.ego.goal_lane is not None
         return self.zone.read(

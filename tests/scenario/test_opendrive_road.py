@@ -269,6 +269,12 @@ road = { opendrive = "road.xodr" }
             scenario_from(
                 {**content, "road": {"opendrive": "road.xodr", key: value}}, "the file", tmp_path
             )
+    # written after the profile: contents of the road without shape
+    contents = '<objects><object id="1"/></objects><signals><signal id="2"/></signals>'
+    written(tmp_path, profile=contents, more=NEXT.format(x="14.07372", shape="line"))
+    content["end"]["x"] = 105.0
+    notes = scenario_from(content, "the file", tmp_path).notes
+    assert notes == ("Not simulated: objects, signals.",)
 
 
 @pytest.mark.parametrize(

@@ -21,6 +21,7 @@ from sumo_eval.scenario.road.opendrive import (
     constant,
     cubics_of,
     lane_offset,
+    left_out,
     reference_line,
 )
 from sumo_eval.scenario.road.pose import Pose
@@ -30,11 +31,6 @@ from sumo_eval.scenario.xml_file import read_xml
 WIDEST = 6.0  # m: a wider lane is an area without marks
 MARKED = 3.5  # m: width of the ego's lane in such an area
 ON = 1e-6  # m by which a place may miss a road or a line
-_LEFT_OUT = {
-    "objects": "objects/*", "signals": "signals/*", "road surface": "surface/*",
-    "speed limits": ".//speed", "heights of lanes": ".//lane/height", "rules of lanes": ".//access",
-}  # fmt: skip
-"""Contents of a road that have no effect: words for them -> their XPath below the road."""
 _ROUNDS = 20  # of the iteration in `ahead_in_lane`, whose result then changes no more
 
 
@@ -223,7 +219,7 @@ def _road(element: Node, name: str) -> MapRoad:
         "lanes of another width than the ego's": widths and max(widths) - min(widths) > ON,
         "a road length other than its geometries'": abs(element.number("length", length) - length)
         > 0.1,
-        **{kind: element.all(path) for kind, path in _LEFT_OUT.items()},
+        **dict.fromkeys(left_out(element.element), True),
     }
     return MapRoad(name, begin, line, lanes[0], tuple(kind for kind, has in kinds.items() if has))
 

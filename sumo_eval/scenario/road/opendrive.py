@@ -2,14 +2,15 @@
 line.
 
 The tables of scenario files call `read_opendrive`; readers of OpenSCENARIO's networks call
-`reference_line`, `lane_offset`, `beside` and the like.
+`reference_line`, `lane_offset`, `beside`, `left_out` and the like.
 
 Read: lines, arcs, spirals and parametric cubics, a constant lane offset, lanes of constant width,
     lane sections in which the outermost lane opens or ends along a straight edge, and several roads
     in order, as through a junction.
 Refused, each by its name: anything else that shapes a road, as slopes, and lane offsets and other
     widths that change.
-Left out silently: content without shape, as marks, objects, signals, speeds.
+Left out: content without shape. `left_out` names objects, signals, speed limits and the like; marks
+    are left out silently.
 
 Users: `extras/openscenario/frame.py`, `extras/openscenario/network.py`, `scenario/file_tables.py`.
 """
@@ -44,6 +45,11 @@ _Knots = list[tuple[float, float]]
 """Widths of a lane along the road: (s, m, width there, m); linear from knot to knot."""
 _Ramps = list[tuple[float, float, str]]
 """Types of a lane along the road: (begin and end of a section, s in m, the lane's type in it)."""
+_LEFT_OUT = {
+    "objects": "objects/*", "signals": "signals/*", "road surface": "surface/*",
+    "speed limits": ".//speed", "heights of lanes": ".//lane/height", "rules of lanes": ".//access",
+}  # fmt: skip
+"""Contents of a road that have no effect: words for them -> their XPath below the road."""
 DRIVEN = ("driving", "entry", "exit", "onRamp", "offRamp")  # types of lanes that cars use
 
 
@@ -55,6 +61,7 @@ class ReadRoad(NamedTuple):
     lane_width, length: m.
     spans: of the lanes that do not exist throughout.
     begin: where the line begins on the map.
+    left_out: words for contents of the file that have no effect.
     """
 
     line: Line
@@ -63,6 +70,7 @@ class ReadRoad(NamedTuple):
     spans: tuple[LaneSpan, ...]
     length: float
     begin: Pose = Pose(0.0, 0.0, 0.0)
+    left_out: tuple[str, ...] = ()
 
 
 def read_opendrive(path: Path, road: str | Sequence[str] | None = None) -> ReadRoad:
@@ -92,7 +100,15 @@ def read_opendrive(path: Path, road: str | Sequence[str] | None = None) -> ReadR
         chain = _chain([roads[name] for name in names], owner)
     line = tuple(piece for stretch in chain for piece in stretch.line)
     # number and width of the lanes are the same in the whole chain (`_chain`)
-    return chain[0]._replace(line=line if bends(line) else (), length=length_of(line))
+    ignored = dict.fromkeys(words for name in names for words in left_out(roads[name]))
+    return chain[0]._replace(
+        line=line if bends(line) else (), length=length_of(line), left_out=tuple(ignored)
+    )
+
+
+def left_out(road: Element) -> list[str]:
+    """Words for contents of a road that have no effect."""
+    return [words for words, path in _LEFT_OUT.items() if road.find(path) is not None]
 
 
 def _chain(roads: Sequence[Element], owner: str) -> list[ReadRoad]:
