@@ -234,6 +234,9 @@ def test_features_without_their_vehicle_have_the_stated_values():
     assert first_features(case(lead(60.0)), of_lead, absent=-7.0) == [60.0, -20.0, 0.0, 0.0]
     with refusal("`vehicles.2.present` must have no `absent`"):
         Feature("vehicles.2.present", absent=-1.0)
+    for name in ("ego.speed", "time", "left_edge", "lane_offset"):
+        with refusal(f"`{name}` must have no `absent`, as it always has a value, got -1"):
+            Feature(name, absent=-1.0)
 
 
 def test_the_second_lead_is_the_next_one_ahead_in_the_strip():

@@ -68,7 +68,8 @@ class Feature(Checked):
     low, high: the value is limited to low..high and mapped onto -1..1.
     mean, deviation: the value is mapped onto (value - mean) / deviation.
     absent: value if its vehicle does not exist, before limits and scaling; None: the ego's speed
-        for `lead.speed`, else the value in `_WHERE_ABSENT`, or 0. `present` takes none.
+        for `lead.speed`, else the value in `_WHERE_ABSENT`, or 0. `present`, and features of no
+        vehicle, take none.
     """
 
     name: str
@@ -90,9 +91,11 @@ class Feature(Checked):
                 f"Feature `{self.name}` must have a range or a mean and a deviation, got both."
             )
         _reader(self.name)
-        if self.absent is not None and self.name.endswith(".present"):
+        of_vehicle = self.name.startswith(("lead.", "vehicles."))
+        if self.absent is not None and (self.name.endswith(".present") or not of_vehicle):
+            why = "is 0 without a vehicle" if of_vehicle else "always has a value"
             raise InputError(
-                f"Feature `{self.name}` must have no `absent`, as it is 0 without a vehicle, got "
+                f"Feature `{self.name}` must have no `absent`, as it {why}, got "
                 f"{self.absent:g}. Remove `absent`."
             )
 
