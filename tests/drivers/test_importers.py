@@ -102,7 +102,6 @@ def test_ngsim_feet_front_centre_and_lanes_from_the_left(tmp_path):
     [
         (",i-80", [5, 1, 0, -1], "Lane 6 of i-80 is taken as the right lane"),
         (",us-101", [4, 0, -1, -2], "Lane 5 of us-101 is taken as the right lane"),
-        (",peachtree", [4, 0, -1, -2], "Lane 5 of peachtree is taken as the right lane"),
         ("", [4, 0, -1, -2], "x.csv names no road: US-101 is assumed. On I-80 its lane 6 would"),
     ],
 )
@@ -116,6 +115,19 @@ def test_ngsim_lanes_of_each_road(tmp_path, location, lanes, words):
     assert table.loc[table["lane"] == 0, "y"].tolist() == [0.0]
     assert words in " ".join(notes)
     assert any("names no road" in note for note in notes) == (not location)
+
+
+def test_ngsim_streets_are_left_out_by_name(tmp_path):
+    head = ",".join(ngsim._NEEDED) + ",Location"
+    rows = [f"{place},1,0,6,100,15,6,2,40,1,{name}" for place, name in
+            ((1, "us-101"), (2, "peachtree"), (3, "lankershim"))]  # fmt: skip
+    (tmp_path / "x.csv").write_text("\n".join([head, *rows]))
+    table, notes = ngsim.read(tmp_path / "x.csv")
+    assert table["recording"].tolist() == ["us-101"]
+    assert any(note.startswith("2 samples of lankershim, peachtree in x.csv") for note in notes)
+    (tmp_path / "x.csv").write_text("\n".join([head, rows[1]]))
+    with refusal("got peachtree: only lanes of us-101 and i-80 are supported"):
+        ngsim.read(tmp_path / "x.csv")
 
 
 def test_ngsim_original_layout_and_a_vehicle_id_that_is_used_again(tmp_path):

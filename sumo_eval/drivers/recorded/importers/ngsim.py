@@ -8,7 +8,8 @@ accelerations from smoothed speeds.
 
 Lane 1 is the leftmost. On US-101 lane 5 is the right main lane, 6 an auxiliary lane, 7 and 8 are
 ramps. On I-80 lane 6 is the right main lane, 7 the ramp at Powell Street, 9 the shoulder. Only the
-25 columns have the road, as `Location`. Without it, and on streets, lanes are read as on US-101.
+25 columns have the road, as `Location`. Without it lanes are read as on US-101. Streets are left
+out: their lanes are numbered in another way in each direction and section.
 
 Users: `drivers/recorded/importing.py`.
 """
@@ -24,6 +25,7 @@ from sumo_eval.drivers.recorded.importers.tables import (
     read_table,
     require_columns,
 )
+from sumo_eval.errors import InputError
 from sumo_eval.input_file import input_file
 
 FOOT = 0.3048  # m
@@ -45,6 +47,12 @@ _CLASSES = {1: "motorcycle", 2: "car", 3: "truck"}
 def read(path: Path) -> Samples:
     """The recordings of a file."""
     rows = _rows(path)
+    unknown = rows["right_lane"].isna()
+    streets = ", ".join(sorted(set(rows.loc[unknown, "place"])))
+    only = f"only lanes of {' and '.join(RIGHT_LANES)} are supported"
+    if unknown.all():
+        raise InputError(f"{path} must have lanes that are known, got {streets}: {only}.")
+    rows = rows[~unknown].astype({"right_lane": np.int64})
     # same id as in the row before
     same = (rows["Vehicle_ID"].diff() == 0) & (rows["place"] == rows["place"].shift())
     # yet a new vehicle: the clock jumps by more than 1000 ms, or the length by 0.05 ft
@@ -78,6 +86,8 @@ def read(path: Path) -> Samples:
             f"Lane {lane} of {place} is taken as the right lane (lane 0), lanes beyond it as "
             "auxiliary lanes and ramps."
         )
+    if streets:
+        notes.append(f"{unknown.sum()} samples of {streets} in {path.name} are left out: {only}.")
     if "Location" not in rows and (rows["Lane_ID"] == RIGHT_LANES[I_80]).any():
         notes.append(
             f"{path.name} names no road: US-101 is assumed. On I-80 its lane {RIGHT_LANES[I_80]} "
@@ -95,7 +105,7 @@ def read(path: Path) -> Samples:
 
 def _rows(path: Path) -> pd.DataFrame:
     """The file's samples, sorted by place, vehicle and time, with columns `place` and
-    `right_lane`, the number of the right main lane there.
+    `right_lane`, the number of the right main lane there, nan on a street.
     """
     with input_file(path, "file").open("rb") as file:
         first = file.readline().lstrip()
@@ -115,6 +125,5 @@ def _rows(path: Path) -> pd.DataFrame:
     rows["right_lane"] = RIGHT_LANES[US_101]
     if "Location" in rows:
         rows["place"] = rows["Location"].astype(str)
-        known = rows["place"].str.lower().map(RIGHT_LANES)
-        rows["right_lane"] = known.fillna(RIGHT_LANES[US_101]).astype(np.int64)
+        rows["right_lane"] = rows["place"].str.lower().map(RIGHT_LANES)
     return rows.sort_values(["place", "Vehicle_ID", "Global_Time"], kind="stable")
