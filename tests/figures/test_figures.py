@@ -26,6 +26,7 @@ from sumo_eval.extras.figures.style import MM, WIDTHS, look_of, on_paper, save
 from sumo_eval.extras.panels import INK, Marks, Panel
 from sumo_eval.nightly.history import open_history
 from sumo_eval.nightly.night import import_runs
+from sumo_eval.record.store import Store
 from sumo_eval.report.html import write_report
 from sumo_eval.scenario.road.reference_line import arc
 
@@ -210,6 +211,18 @@ opinion | {"ads": "idm"} | takes no `ads`, got 'idm'
 def test_what_is_missing_is_named(done, figure, more, words):
     with refusal(words):
         draw(done, figure, **more)
+
+
+def test_a_missing_trajectory_is_that_of_the_ads(done, monkeypatch):
+    """Not that of the case by which the point was chosen."""
+    case = done.cases_of("idm", SCENARIOS[0])[0].case
+    other = next(
+        it.case for it in done.cases_of("no_reaction", SCENARIOS[0])
+        if it.values == done.case(case).values
+    )  # fmt: skip
+    monkeypatch.setattr(Store, "trajectories", lambda store, name: {})
+    with refusal(f"No trajectory is kept of {other}, so"):
+        draw(done, "field", case=case, ads="no_reaction")
 
 
 @pytest.mark.parametrize("figure", ["field", "zone_map", "points"])

@@ -150,7 +150,8 @@ def driven_point(request: FigureRequest, ads: Sequence[str]) -> DrivenPoint:
             if EGO in vehicles:
                 people[driver] = vehicles[EGO]
     if not runs:
-        raise InputError(f"Case `{case.case}` has no trajectory to draw.")
+        cases = ", ".join(case_of.get(name, name) for name in ads)
+        raise InputError(f"No trajectory is kept of {cases}, so there is nothing to draw.")
     return DrivenPoint(
         case.scenario,
         point_words(case.values),
