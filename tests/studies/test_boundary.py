@@ -1,6 +1,7 @@
 """The search through SUMO: a small one, whose answer the closed form knows."""
 
 import json
+import re
 import sqlite3
 from dataclasses import replace
 from pathlib import Path
@@ -14,7 +15,7 @@ from tables import rows_of, values_of
 
 from sumo_eval.errors import StoppedError
 from sumo_eval.extras.studies.boundary import find_boundary, slice_of
-from sumo_eval.extras.studies.boundary_page import summary, write_boundary
+from sumo_eval.extras.studies.boundary_page import edge_panels, summary, write_boundary
 from sumo_eval.extras.studies.trials import KEPT, trials_in
 from sumo_eval.method.criticality import required_gap
 from sumo_eval.record.cases import Setup
@@ -77,6 +78,11 @@ def test_the_ideal_vehicles_collisions_are_those_of_its_braking_distance(tmp_pat
     assert len(rows) == 1 + len(found.search.points)
     assert read_json(paths[1])["simulations"] == found.rounds[-1].simulations
     assert "http" not in paths[2].read_text().split("<script", 1)[0].replace("http-equiv", "")
+    chances = paths[3].read_text()
+    for file, damage in ((paths[3], chances[: len(chances) // 2]), (paths[0], "a,b\n1,2\n")):
+        file.write_text(damage)
+        with refusal(f"{re.escape(str(file))} cannot be read or is damaged .* Search it again"):
+            edge_panels(tmp_path)
 
 
 def test_an_ads_that_never_answers_has_no_boundary(tmp_path):

@@ -165,18 +165,24 @@ def edge_panels(folder: Path) -> tuple[str, list[Panel]]:
 
     Raises InputError where a file is missing or damaged.
     """
-    with taking_apart(folder / SUMMARY, "Search it again."):
+    fix = "Search it again."
+    with taking_apart(folder / SUMMARY, fix):
         content = json.loads((folder / SUMMARY).read_text("utf-8"))
-        chances, trials = (
-            read_table(folder / name, ()).to_numpy(float) for name in (CHANCES, TRIALS)
-        )
+        title = f"{content['scenario']}: where {content['ads']} collides"
         items = content["parameters"]
         labels = [
             it["name"] + ("" if it["unit"] in ("", "1") else f" ({it['unit']})") for it in items
         ]
         k = len(items)
-        if not chances.shape[1] == trials.shape[1] == k + 1:
-            raise ValueError(f"{CHANCES} and {TRIALS} must have {k + 1} columns")
+    tables = []
+    for name in (CHANCES, TRIALS):
+        with taking_apart(folder / name, fix):
+            tables.append(read_table(folder / name, ()).to_numpy(float))
+            if tables[-1].shape[1] != k + 1:
+                raise ValueError(f"it must have {k + 1} columns")
+    chances, trials = tables
+    # any table of trials can be drawn, so what fails is the grid of chances
+    with taking_apart(folder / CHANCES, fix):
         chances = chances[np.lexsort(chances[:, :k].T)]  # the first parameter varies fastest
         if k == 1:
             # One parameter has a strip as map. The strip's second axis has no name; the chances are
@@ -196,7 +202,7 @@ def edge_panels(folder: Path) -> tuple[str, list[Panel]]:
             _edge_panel(rows, trials[nearest == number], items, labels)
             for number, rows in enumerate(maps)
         ]
-        return f"{content['scenario']}: where {content['ads']} collides", panels
+        return title, panels
 
 
 def _edge_panel(
