@@ -406,6 +406,7 @@ def test_sumo_leaves_persons_out_with_a_note(tmp_path, name):
     (tmp_path / name).write_bytes(packed(text[name.removesuffix(".gz")].encode()))
     table, notes = sumo_fcd.read(tmp_path / name)
     assert table["vehicle"].tolist() == ["a"]
+    assert table["recording"].tolist() == ["x"]
     assert notes[1] == f"Persons and containers of {name} are left out: 1."
 
 

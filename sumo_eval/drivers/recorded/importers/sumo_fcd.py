@@ -57,7 +57,7 @@ def read(path: Path) -> Samples:
     heading = np.radians(90.0 - rows["angle"])
     table = DataFrame(
         {
-            "recording": path.stem,
+            "recording": Path(path.name.removesuffix(".gz")).stem,
             "vehicle": rows["id"].astype(str),
             "t": rows["time"],
             "x": rows["x"] - length / 2 * np.cos(heading),
