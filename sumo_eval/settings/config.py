@@ -123,8 +123,8 @@ def validated(content: Mapping[str, Any], kind: type[Settings], where: str | Pat
 
     Raises InputError that names every mistake, a line each.
     """
-    # as JSON has it: dates become texts, and tuples lists
-    plain = json.loads(json.dumps(content, default=str))
+    # as JSON has it: dates and paths become texts, and tuples lists
+    plain = json.loads(json.dumps(content, default=_json_form))
     mistakes: list[Mistake] = []
     settings: Settings = read_table(plain, kind, (), mistakes)
     if not mistakes:
@@ -135,6 +135,11 @@ def validated(content: Mapping[str, Any], kind: type[Settings], where: str | Pat
         line = line_of(text, mistake.place)
         sentences.append(mistake.sentence(f"in {where}{f' (line {line})' if line else ''}"))
     raise InputError("\n".join(sentences))
+
+
+def _json_form(value: Any) -> Any:
+    """A value that JSON does not have: numbers and arrays of numpy as Python's, others as text."""
+    return value.tolist() if hasattr(value, "tolist") else str(value)
 
 
 def check_evaluation(settings: EvaluationSettings, where: object, *, own_ads: bool = True) -> None:

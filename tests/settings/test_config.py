@@ -3,6 +3,7 @@
 import tomllib
 from dataclasses import fields
 
+import numpy as np
 import pytest
 from refusals import refusal
 from tables import rows_of, values_of
@@ -60,6 +61,15 @@ def test_the_smallest_evaluation_file_of_the_contract_is_read(tmp_path):
 def test_settings_survive_a_round_trip_through_toml():
     settings = read_evaluation(PAPER_EVALUATION)
     assert settings_from(tomllib.loads(to_toml(settings)), "round trip") == settings
+
+
+def test_numbers_of_numpy_are_numbers():
+    plain = tomllib.loads(SMALLEST)
+    content = plain | {"seed": np.int64(1), "run": {**plain["run"], "workers": np.int32(2),
+                       "case_timeout": np.float32(20.0)}}  # fmt: skip
+    content["method"] = {"score": {"a": np.array(60)}}
+    plain["method"] = {"score": {"a": 60}}
+    assert settings_from(content, "it") == settings_from(plain, "it")
 
 
 @pytest.mark.parametrize(
