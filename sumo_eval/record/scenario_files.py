@@ -1,14 +1,15 @@
 """Files that a user's scenario comes from, and hashes of their content.
 
-Users: `record/facts.py`, `record/fingerprint.py`, `scoring/steps.py`.
+Users: `record/facts.py`, `record/fingerprint.py`, `scoring/steps.py`, `whatif/search.py`.
 """
 
 import importlib.util
 import re
 import tomllib
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from pathlib import Path
+from typing import Any
 
 from sumo_eval.input_file import hash_of, sha256
 from sumo_eval.scenario.catalogue import options_of
@@ -39,6 +40,17 @@ def hashes_of_scenario(use: str, source: Path) -> dict[str, str]:
     if code is not None and code.suffix == ".py" and code.is_file():
         hashes["code"] = hash_of(code, "scenario")
     return hashes
+
+
+def is_edited(recorded: Mapping[str, Any], use: str, source: Path) -> bool:
+    """Whether files that a user's scenario comes from have changed since it was driven.
+
+    recorded: notes on its exposure, which have the hashes of then.
+    use, source: as in `hashes_of_scenario`.
+    """
+    hashes = hashes_of_scenario(use, source)
+    # "": not recorded
+    return any(recorded.get(name, "") not in ("", now) for name, now in hashes.items())
 
 
 def _content(file: Path) -> object:

@@ -23,7 +23,7 @@ from sumo_eval.record.human_reference import LeftOut
 from sumo_eval.record.kept_results import KeptResults
 from sumo_eval.record.points import choose_points, kept_zones
 from sumo_eval.record.progress import Progress
-from sumo_eval.record.scenario_files import hashes_of_scenario
+from sumo_eval.record.scenario_files import is_edited
 from sumo_eval.record.spread import Spread
 from sumo_eval.record.store import Fact, Store
 from sumo_eval.results import ScenarioResult, ZoneResult
@@ -120,15 +120,12 @@ class Scoring(NamedTuple):
         settings = self._settings_in(logical.name)
         reference = settings.method.task.task_reference
         exposure = self.exposures.get(logical.name, {})
-        # the scenario's files, now and when the run was recorded; "": not recorded
-        hashes = hashes_of_scenario(entry.use, self.run.source)
-        edited = any(exposure.get(name, "") not in ("", now) for name, now in hashes.items())
         return ScenarioRun(
             entry, logical, self._points(entry, logical), settings, self.run.source,
             self.severity, self.store, self.cache, self.spread, self.progress,
             car=reference if recorded_with(self.store, reference) else "",
             outside=frozenset(exposure.get("outside_support", ())),
-            edited=edited
+            edited=is_edited(exposure, entry.use, self.run.source)
         )  # fmt: skip
 
     def _settings_in(self, scenario: str) -> EvaluationSettings:

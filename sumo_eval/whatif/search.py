@@ -19,7 +19,8 @@ from sumo_eval.frozen import frozen
 from sumo_eval.record.cases import Case, Outcome, Setup
 from sumo_eval.record.engines import run_cases
 from sumo_eval.record.progress import Progress, quiet
-from sumo_eval.record.run_folder import resolved_run
+from sumo_eval.record.run_folder import read_exposures, resolved_run
+from sumo_eval.record.scenario_files import is_edited
 from sumo_eval.record.store import Fact
 from sumo_eval.whatif.levers import Lever, first_values, levers_of, moved
 
@@ -85,6 +86,7 @@ class WhatIf:
     def __init__(self, run: Path, progress: Progress = quiet) -> None:
         self._progress = progress
         self._run = resolved_run(run)
+        self._exposures = read_exposures(run)
         settings = self._run.settings
         # only contacts matter here: once the outcome is decided, the rest need not be driven
         self._setup = Setup(
@@ -137,6 +139,13 @@ class WhatIf:
         # a run whose evaluation was edited may lack the scenario or the ADS
         check_known("scenario of the run", self._run.scenarios, fact.scenario)
         check_known("ADS of the run", self._locators, fact.driver)
+        for entry, logical in self._run.entries:
+            recorded = self._exposures.get(logical.name, {})
+            if logical.name == fact.scenario and is_edited(recorded, entry.use, self._run.source):
+                raise InputError(
+                    f"The file of scenario `{fact.scenario}` must be that of the run, and has "
+                    "changed since: undo its changes, or run the evaluation again."
+                )
         logical = self._run.scenarios[fact.scenario]
         levers = levers_of(logical, fact.values, self._run.settings.simulation)
         named = [it for it in levers if name in (None, it.name, it.name.split(".")[-1])]

@@ -8,6 +8,7 @@ from dataclasses import replace
 from shutil import copytree
 
 import pytest
+import tomli_w
 from commands import sumo_eval as run
 from laid import replace_in
 from refusals import refusal
@@ -22,6 +23,7 @@ from sumo_eval.report.explain import known_case
 from sumo_eval.report.levers_section import effect_words
 from sumo_eval.report.sent_drives import contact_of
 from sumo_eval.scenario import catalogue
+from sumo_eval.scenario.shipped_files import scenario_files
 from sumo_eval.scoring.contact_cause import cause_of_contact
 from sumo_eval.settings import SimulationSettings
 from sumo_eval.whatif.levers import levers_of, moved
@@ -192,6 +194,23 @@ def test_a_case_that_left_the_evaluation_is_refused(night, tmp_path, named):
     replace_in(file, named, named.split()[0] + ' = "cut_in"')
     with refusal("Unknown .* of the run"):
         WhatIf(edited).answers(known_case(edited, case.replace("late", "too_late")))
+
+
+def test_a_case_of_an_edited_scenario_is_refused(tmp_path):
+    """Also one without contact, which the edited scenario repeats."""
+    file = tmp_path / "mine.toml"
+    file.write_text(scenario_files()["front_vehicle_low_speed"].read_text())
+    entry = {"use": "mine.toml", "sampling": {"levels": 2}}
+    settings = {"name": "mine", "scenario": [entry], "drivers": {"count": 2},
+                "ads": [{"name": "idm", "controller": "idm"}], "run": {"workers": 1}}  # fmt: skip
+    (tmp_path / "evaluation.toml").write_text(tomli_w.dumps(settings))
+    done = sumo_eval.evaluate(tmp_path / "evaluation.toml", tmp_path / "run")
+    fact = known_case(done.folder, done.cases[0].case)
+    assert fact.collision is None
+    assert WhatIf(done.folder).answers(fact, "friction").answers
+    replace_in(file, 'about = "', 'about = "Edited: ')
+    with refusal("The file of scenario `front_vehicle_low_speed` must be that of the run"):
+        WhatIf(done.folder).answers(fact, "friction")
 
 
 def test_a_delay_that_sumo_does_not_feel_is_named_so(night):
