@@ -1,7 +1,7 @@
 """Commands on their way from the ADS to the vehicle: delayed, or dropped where a step of the ADS
 took too long.
 
-Users: `cosim/ego_control.py`.
+Users: `cosim/ego_control.py`, `cosim/on_traci.py`.
 """
 
 from collections.abc import Callable, Sequence

@@ -25,7 +25,6 @@ from sumo_eval.cosim.doors.traci_module import GUARD, heeding
 from sumo_eval.cosim.impossible import FASTEST, LOWEST_SPEED
 from sumo_eval.cosim.records import COMMAND, CONTACT, MODEL, NEXT, PLANT, numbers_of
 from sumo_eval.cosim.stage import Stage
-from sumo_eval.cosim.sumo.insides import simulation_time
 from sumo_eval.cosim.sumo.sumo_files import EGO
 from sumo_eval.cosim.vehicle_model import Command, EgoState
 from sumo_eval.cosim.world import World
@@ -34,7 +33,6 @@ from sumo_eval.kernels import bound
 from sumo_eval.settings import SimulationSettings
 from sumo_eval.trajectory import EndReason, FloatArray, IntArray
 
-_CLOCK_TOLERANCE = 1e-4  # s; SUMO counts in milliseconds
 _STANDS = 1e-3  # m in a step, least distance to divide by: a standing ego does not turn
 
 
@@ -81,7 +79,7 @@ class EgoControl:
 
     def begin(self, world: World, stage: Stage) -> None:
         """Prepare for the first step, and take charge of the vehicles."""
-        self._traci, self._clock = stage.traci, simulation_time(stage.traci)
+        self._traci, self._check_clock = stage.traci, stage.check_clock
         concrete = world.cases[0]
         settings = world.settings
         others = [actor.name for actor in concrete.actors]
@@ -150,27 +148,6 @@ class EgoControl:
         self._close(world, row, GUARD.end, "ads_error")
         # calls that changed more than the ego, and calls that SUMO ignored
         world.touched(GUARD.touched, GUARD.ignored)
-
-    def _check_clock(self, world: World, time: float) -> None:
-        """Raise ControllerError if the ADS has stepped or closed the simulation, or if the guard
-        has refused one of its calls: the ADS may have caught that exception.
-        """
-        if GUARD.refusal is not None:
-            deed, reason = GUARD.refusal
-            raise ControllerError(f"{deed} at {time:.2f} s; {reason}.")
-        try:
-            now = self._clock()
-        except (self._traci.TraCIException, self._traci.FatalTraCIError) as error:
-            raise ControllerError(
-                f"The ADS closed the simulation at {time:.2f} s; that is the harness's."
-            ) from error
-        # SUMO's clock is ahead by the step that inserted the vehicles
-        ahead = now - time - world.settings.step
-        if abs(ahead) > _CLOCK_TOLERANCE:
-            raise ControllerError(
-                f"The ADS moved SUMO's clock by {ahead:+.2f} s at {time:.2f} s; stepping is the "
-                "harness's."
-            )
 
 
 def note_unlimited(world: World) -> None:

@@ -14,10 +14,10 @@ from math import cos, dist, hypot, radians, remainder, sin, sqrt, tau
 from time import perf_counter
 from types import FunctionType
 from typing import Any
-from weakref import proxy
 
 import numpy as np
 
+from sumo_eval.cosim.actuation import Actuation
 from sumo_eval.cosim.doors.controller import Adapter, NativeModel, ObjectController
 from sumo_eval.cosim.doors.traci_module import GUARD, TRACI, RefusedCallError, SumoNames
 from sumo_eval.cosim.ego_control import (
@@ -51,7 +51,6 @@ from sumo_eval.cosim.records import (
     first_number,
 )
 from sumo_eval.cosim.stage import EGO_SPEED_MODE, EXACT_SPEED_MODE, LEFT_BATCH, Stage
-from sumo_eval.cosim.step_rules import goes_straight
 from sumo_eval.cosim.sumo.shared_files import suffix
 from sumo_eval.cosim.sumo.sumo_files import EGO, gripped, vehicle_edges
 from sumo_eval.cosim.vehicle_model import Command
@@ -88,8 +87,7 @@ class OnTraci(EgoControl):
 
     def __init__(self, ads: Sequence[Adapter], seeds: Sequence[int], terms: Terms) -> None:
         super().__init__(ads, seeds, terms)
-        # `proxy`: a circle of references would keep a batch's arrays until Python looks for circles
-        self._rows = [_Hook(proxy(self), it, terms) for it in ads]
+        self._rows = [_Hook(it, terms) for it in ads]
         self.unguarded = ads[0].took is not None  # a program: times itself, bypasses `GUARD`
 
     def begin(self, world: World, stage: Stage) -> None:
@@ -110,7 +108,7 @@ class OnTraci(EgoControl):
             for case in world.errors:
                 world.leave(case, LEFT_BATCH)
         for case, hook in enumerate(self._rows):
-            hook.take(world, stage, case)
+            hook.take(world, stage, case, self.actuation)
         self.keep(world, world.rows)
         self._each(world, _Hook.reset, 0.0)
 
@@ -161,9 +159,10 @@ class OnTraci(EgoControl):
 
     def after(self, world: World, now: float) -> None:
         """Read the egos that SUMO moved."""
-        # in a batch, only rows whose egos did more than drive straight ahead remain to be read
-        rows = None if self._alone else self._stage.read_at_once(world)
-        self._each(world, _Hook.after, now, rows)
+        # rows whose egos did more than drive straight ahead; most often none
+        rows = self._stage.read_at_once(world)
+        if rows:
+            self._each(world, _Hook.after, now, rows)
 
     def release(self, world: World, row: int) -> None:
         """Close the ADS and remove its listeners."""
@@ -181,21 +180,25 @@ class _Hook:
     At most 29 attributes: see `World`.
     """
 
-    def __init__(self, driver: OnTraci, ads: Adapter, terms: Terms) -> None:
-        self.ads, self._driver = ads, driver
-        self._terms = terms
+    def __init__(self, ads: Adapter, terms: Terms) -> None:
+        self.ads, self._terms = ads, terms
         self._bend = 0.0  # 1/m, the road's curvature beside the ego
-        self._course = 0.0  # rad, the direction of its last motion, relative to the road
+        # the last step whose motion was read here, and the motion's direction relative to the road,
+        # rad
+        self._course = 0, 0.0
         self._lanes = 0, 0  # on a curved road: its lane before and after the last step
         self._lane_end = 0.0  # x of its lane's end, m; in a curve off by less than `_NEAR_END`
 
     # -- the ADS -----------------------------------------------------------------------------------
 
-    def take(self, world: World, stage: Stage, case: int) -> None:
-        """Make ready for a case of the world."""
+    def take(self, world: World, stage: Stage, case: int, actuation: Actuation) -> None:
+        """Make ready for a case of the world.
+
+        actuation: carries the commands of all cases to their vehicles.
+        """
         self._world, self._case = world, case
-        self._calls, self._traci = stage.calls, stage.traci
-        self._actuation = self._driver.actuation
+        self._calls, self._stage = stage.calls, stage
+        self._check_clock, self._actuation = stage.check_clock, actuation
         ads = self.ads
         self.ego = stage.names[case][0]
         self.names = _names(world.cases[case], suffix(case, len(world.cases)))
@@ -241,7 +244,7 @@ class _Hook:
         briefing = make_briefing(concrete, settings, self._terms)
         if (error := error_of(self.ads.reset, briefing, TRACI, EGO)) is not None:
             self._blamed(error, "in reset", time)
-        self._driver._check_clock(world, time)
+        self._check_clock(world, time)
 
     def _blamed(self, error: BaseException, when: str, time: float) -> None:
         """Raise an exception of the user's code as a ControllerError.
@@ -251,7 +254,7 @@ class _Hook:
         # an adapter, or the watch over the step, has given it a message
         if isinstance(error, ControllerError) and not isinstance(error, RefusedCallError):
             raise with_time(error, when) from error
-        self._driver._check_clock(self._world, time)  # raises the message of a refused call
+        self._check_clock(self._world, time)  # raises the message of a refused call
         raise ControllerError(f"The ADS raised {when}: {said(error)}.") from error
 
     def step(self, world: World, time: float) -> None:
@@ -270,7 +273,7 @@ class _Hook:
             # false in most steps: SUMO moves the ego already, and nothing has to be checked
             elif self._flags[_PLACED] != SUMO or GUARD.mode_may_differ or self.road.spans:
                 self._leave_to_sumo()
-        except self._traci.TraCIException as error:
+        except self._stage.traci.TraCIException as error:
             raise ControllerError(
                 f"After the ADS's step at {time:.2f} s SUMO cannot move the ego: {said(error)}."
             ) from error
@@ -282,7 +285,7 @@ class _Hook:
 
         The route stays if the ego brakes at least as hard as SUMO's own model would.
         """
-        vehicle = self._traci.vehicle
+        vehicle = self._stage.traci.vehicle
         ego = self.ego
         if not self._may_pass_lane_end():
             return
@@ -354,7 +357,7 @@ class _Hook:
                 f"{time:.2f} s."
             )
         if not GUARD.shared:
-            self._driver._check_clock(self._world, time)
+            self._check_clock(self._world, time)
         late = self._actuation.late(took)
         # after the first step, SUMO continues to move an ego whose command is late
         if answer is None or (late and self._world.steps and self._flags[_PLACED] == SUMO):
@@ -419,8 +422,6 @@ class _Hook:
         """
         if self._flags[_PLACED] != SUMO:
             self._check_placed_ego(now)
-        elif not self._bent and not self._flags[_STALE] and self._went_straight():
-            return
         else:
             self._read_driven_ego(now)
         on_lanes = (
@@ -435,9 +436,9 @@ class _Hook:
         state = self._state
         # without a speed in `GUARD`, calls for the ego's speed and position ask SUMO again
         GUARD.speeds.pop(self.ego, None)
-        state[_LANE_SPEED], self._course = state[3], state[2]
+        state[_LANE_SPEED], self._course = state[3], (self._world.steps, state[2])
         front_x, front_y = state[_FRONT_X], state[_FRONT_Y]
-        x, y = self._calls.getPosition(self.ego)
+        x, y = self._stage.fronts[self.ego]
         # `not <=`: true of nan as well
         if not (abs(x - front_x) <= _PLACE_TOLERANCE and abs(y - front_y) <= _PLACE_TOLERANCE):
             raise SimulationError(
@@ -491,9 +492,9 @@ class _Hook:
         SimulationError for other impossible values.
         """
         calls, ego = self._calls, self.ego
-        front_x, front_y = calls.getPosition(ego)
+        front_x, front_y = self._stage.fronts[ego]
+        speed = self._stage.speeds[ego]
         angle = calls.getAngle(ego)
-        speed = calls.getSpeed(ego)
         if not (
             -LOST < front_x < LOST
             and -LOST < front_y < LOST
@@ -548,31 +549,6 @@ class _Hook:
                 f"SUMO gave vehicle `{EGO}` the speed {sideways:g} m/s across at {now:.2f} s."
             )
         return hypot(speed, sideways) if sideways else speed
-
-    def _went_straight(self) -> bool:
-        """Take in the ego if SUMO moved it straight along a straight lane, as in most steps; return
-        whether it did.
-        """
-        ego, calls = self.ego, self._calls
-        (x, y), speed = calls.getPosition(ego), calls.getSpeed(ego)
-        state = self._state
-        before = self._state[_LANE_SPEED]
-        x -= self._half
-        if (
-            state[MAP + 2] != 0.0
-            or calls.getAngle(ego) != STRAIGHT
-            or not goes_straight(
-                x - state[MAP], y - state[MAP + 1], speed, before, self._step, self._limits
-            )
-        ):
-            return False
-        state[_LANE_SPEED] = state[3] = speed
-        self._course = 0.0
-        state[0] = x
-        state[2] = 0.0
-        state[7] = (speed - before) / self._step
-        state[MAP] = x
-        return True
 
     def _check_motion(self, ahead: float, across: float, speed: float, now: float) -> None:
         """Refuse motion that no vehicle can do, as TraCI calls may cause it.
@@ -630,7 +606,7 @@ class _Hook:
 
     def _left_of_lane(self) -> float:
         """Distance from the ego's front bumper to the end of its lane, m."""
-        vehicle, lane = self._traci.vehicle, self._traci.lane
+        vehicle, lane = self._stage.traci.vehicle, self._stage.traci.lane
         length = lane.getLength(vehicle.getLaneID(self.ego))
         return float(length - vehicle.getLanePosition(self.ego))
 
@@ -651,8 +627,8 @@ class _Hook:
         """
         at = self._calls.getLanePosition(self.ego)
         old, new = self._lanes
-        on_map = self._traci.simulation.convert2D
-        edge = self._traci.vehicle.getRoadID(self.ego)
+        on_map = self._stage.traci.simulation.convert2D
+        edge = self._stage.traci.vehicle.getRoadID(self.ego)
         apart = dist(*(on_map(edge, at, lane) for lane in (old, new)))
         return sqrt(max(apart**2 - (self.road.lane_width * (new - old)) ** 2, 0.0))
 
@@ -668,8 +644,10 @@ class _Hook:
         moved = new - old
         step = self._step
         course = cmath.phase(moved)
-        last_course = self._course
-        self._course = course
+        last_step, last_course = self._course
+        if last_step < self._world.steps - 1:  # since then it drove straight ahead
+            last_course = 0.0
+        self._course = self._world.steps, course
         # lateral acceleration, m/s2: speed times rate of turning
         sharp = abs(moved * remainder(course - last_course, tau)) / step**2
         too_sharp = abs(moved.imag) > _SIDEWAYS_SPEED * step and sharp > _SHARPEST

@@ -16,7 +16,8 @@ Users: `cosim/ego_control.py`, `cosim/loop.py`, `cosim/on_traci.py`, `cosim/epis
 import math
 from collections.abc import Sequence
 from contextlib import suppress
-from itertools import chain, compress
+from itertools import compress
+from struct import Struct
 from typing import Any
 
 import numpy as np
@@ -24,7 +25,7 @@ import numpy as np
 from sumo_eval.cosim.doors.traci_module import GUARD
 from sumo_eval.cosim.impossible import FARTHEST, FASTEST, LOSS_MARGIN, LOWEST_SPEED, impossible
 from sumo_eval.cosim.records import STRAIGHT
-from sumo_eval.cosim.sumo.insides import simulation_step, vehicles
+from sumo_eval.cosim.sumo.insides import simulation_step, simulation_time, vehicles
 from sumo_eval.cosim.sumo.session import bend_tolerance, check_start
 from sumo_eval.cosim.sumo.shared_files import suffix, vehicle_names
 from sumo_eval.cosim.sumo.sumo_files import departure_speed
@@ -41,9 +42,11 @@ EGO_SPEED_MODE = 6
 EXACT_SPEED_MODE = 32
 LEFT_BATCH = Alone("left_batch")
 CHECKED_EVERY = 10  # steps
+_CLOCK_TOLERANCE = 1e-4  # s; SUMO counts in milliseconds
 ASIDE = -500.0  # m, y of a hidden vehicle
-# place, m, angle, deg, and speed, m/s, of a vehicle that has left SUMO
+# place, m, angle, deg, and speed, m/s, of a vehicle that has left SUMO, once that is recorded
 _NOT_THERE = (0.0, 0.0, STRAIGHT, 0.0)
+_UNKNOWN = (math.nan,) * 4  # the same before: `World.read` takes no such vehicle in
 # `keepRoute` of moveToXY: SUMO looks for the road, and the vehicle may be off the road
 _ANY_ROAD = 2
 # the road is the vehicle's own, and the vehicle may be off the road
@@ -66,6 +69,7 @@ class Stage:
         cases = world.cases
         self.calls = vehicles(traci)
         self.step = simulation_step(traci)
+        self._clock = simulation_time(traci)
         self.names = vehicle_names(cases, ads_asks=ads_asks)
         count = len(cases)
         road = cases[0].road
@@ -128,9 +132,8 @@ class Stage:
         """Continue without the rows that have ended."""
         self._live = world.live
         self._names: list[str] = []  # of vehicles that are read at once; empty: to be found again
-        # name -> row and index of the actors that `read` has to read: those of the first row, until
-        # `read_at_once` has read all but some
-        self._unread = {name: (0, j) for j, name in enumerate(self._flat[1 : self._width])}
+        # name -> row and index of the actors that `read_at_once` leaves to `read`
+        self._unread: dict[str, tuple[int, int]] = {}
 
     def take_charge(self, world: World) -> None:
         """Take control of SUMO's vehicles; fail cases whose start SUMO shows differently."""
@@ -169,6 +172,27 @@ class Stage:
         tenth step.
         """
         return not self.as_read and (steps == 0 or (steps + 1) % CHECKED_EVERY == 0)
+
+    def check_clock(self, world: World, time: float) -> None:
+        """Raise ControllerError if the ADS has stepped or closed the simulation, or if the guard
+        has refused one of its calls: the ADS may have caught that exception.
+        """
+        if GUARD.refusal is not None:
+            deed, reason = GUARD.refusal
+            raise ControllerError(f"{deed} at {time:.2f} s; {reason}.")
+        try:
+            now = self._clock()
+        except (self.traci.TraCIException, self.traci.FatalTraCIError) as error:
+            raise ControllerError(
+                f"The ADS closed the simulation at {time:.2f} s; that is the harness's."
+            ) from error
+        # SUMO's clock is ahead by the step that inserted the vehicles
+        ahead = now - time - self._step
+        if abs(ahead) > _CLOCK_TOLERANCE:
+            raise ControllerError(
+                f"The ADS moved SUMO's clock by {ahead:+.2f} s at {time:.2f} s; stepping is the "
+                "harness's."
+            )
 
     def _move(self, number: int, x: float, y: float, angle: float, speed: float) -> None:
         """Put the front bumper of a vehicle where it is on the map at the step's end.
@@ -244,33 +268,31 @@ class Stage:
             calls.setLateralLanePosition(name, d)
             self._received_speeds[name] = along
 
-    def read_at_once(self, world: World) -> list[int] | None:
-        """Read the vehicles of many rows with few calls of Python.
-
-        Returns the rows whose egos remain to be read, as they do more than drive straight ahead.
-        None: no vehicle has been read. The actors that remain are for `read`.
+    def read_at_once(self, world: World) -> list[int]:
+        """Read the egos and the actors; return the rows whose egos remain to be read, as they do
+        more than drive straight ahead. The actors that remain are for `read`.
         """
-        names = self._names or self._find_names(world)
         calls = self.calls
-        shown = np.empty((len(names), 4))  # as in `World.shown`
-        try:
-            fronts, speeds = list(map(calls.getPosition, names)), list(map(calls.getSpeed, names))
-            # `np.array` of pairs takes twice as long
-            shown[:, :2] = np.fromiter(chain.from_iterable(fronts), float).reshape(-1, 2)
-            shown[:, 2] = list(map(calls.getAngle, names))
-            shown[:, 3] = speeds
-        except self.traci.TraCIException:  # a vehicle has left SUMO
-            self._keep_unread(self._numbers)
-            self.speeds.clear()
-            return None
-        remaining = world.read(self._numbers, shown, self._odd)
-        rows = self._keep_unread(self._odd[:remaining])
-        # `read` compares the actors that remain with their last places
-        last = {name: self.fronts[name] for name in self._unread}
-        self.fronts |= zip(names, fronts, strict=True)
-        self.fronts |= last
-        self.speeds |= zip(names, speeds, strict=True)
-        return rows
+        values: list[float] = []
+        for name in self._names or self._find_names(world):
+            try:
+                front = calls.getPosition(name)
+                angle = calls.getAngle(name)
+                speed = calls.getSpeed(name)
+            except self.traci.TraCIException:  # it has left SUMO
+                if self._alone and name == self._flat[0]:  # the ego
+                    raise
+                values += _UNKNOWN
+                self.speeds.pop(name, None)
+                continue
+            values += front
+            values += angle, speed
+            self.fronts[name], self.speeds[name] = front, speed
+        self._pack(self._values, 0, *values)
+        remaining = world.read(self._numbers, self._values, self._odd)
+        if not remaining and not self._unread:  # in most steps
+            return []
+        return self._keep_unread(self._odd[:remaining])
 
     def _keep_unread(self, numbers: IntArray) -> list[int]:
         """Leave the actors among these vehicles to `read`; return the rows of the egos."""
@@ -291,6 +313,9 @@ class Stage:
         numbers = self._live[:, None] * self._width + np.arange(self._width)
         self._numbers = numbers[is_there]
         self._odd = np.zeros_like(self._numbers)
+        self._values = np.empty((len(self._numbers), 4))  # as in `World.shown`
+        # writes numbers into an array: faster than `np.array` of a list, for few and for many
+        self._pack: Any = Struct(f"{self._values.size}d").pack_into
         self._names = [self._flat[number] for number in self._numbers.tolist()]
         return self._names
 
@@ -326,7 +351,7 @@ class Stage:
         x, y = front = calls.getPosition(name)
         angle = calls.getAngle(name)
         speed = calls.getSpeed(name)
-        last_x, last_y = self.fronts[name]
+        last_x, last_y = world.shown[row, j, :2].tolist()
         near = abs(x - last_x) < FARTHEST and abs(y - last_y) < FARTHEST
         if near and 0.0 <= angle <= 360.0 and LOWEST_SPEED < speed < FASTEST:
             self.fronts[name], self.speeds[name] = front, speed

@@ -9,7 +9,7 @@ The order of operations decides the last bits of recorded values: keep it.
 `cosim/world.py` runs the functions marked `@rows`, before SUMO's step (`move_rows`) and after it
 (`read_rows`, `see_rows`); `cosim/loop.py` runs `stop_rows`. Kernels of other files call the rest.
 
-Users: `cosim/compiled.py`, `cosim/loop.py`, `cosim/on_traci.py`, `cosim/world.py`,
+Users: `cosim/compiled.py`, `cosim/loop.py`, `cosim/world.py`,
 `drivers/synthetic/driver.py`, `record/loops.py`.
 """
 
