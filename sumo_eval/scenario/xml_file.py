@@ -1,8 +1,7 @@
 """Reader of XML files from outside (SUMO networks, OpenDRIVE, OpenSCENARIO) that opens no network
 connection and expands no entities.
 
-Users: `extras/openscenario/network.py`, `extras/openscenario/reading.py`,
-`scenario/road/opendrive.py`, `scenario/sumo_network.py`.
+Users: `extras/openscenario/reading.py`, `scenario/road/opendrive.py`, `scenario/sumo_network.py`.
 """
 
 import re

@@ -11,9 +11,7 @@ from sumo_eval.cli.sentences import say, tell
 
 @click.command("import", epilog="Example: sumo-eval import CCRm.xosc")
 @click.argument("file", required=False)
-@click.option(
-    "--folder", type=click.Path(), help="Of a catalogue (osc_alks, ncap_2026): where your copy is."
-)
+@path_option("--folder", help="Of a catalogue (osc_alks, ncap_2026): where your copy is.")
 @path_option(
     "--out",
     help="Write the scenario file (.toml) that was understood at one point.",
@@ -28,7 +26,7 @@ from sumo_eval.cli.sentences import say, tell
 @flag("--conformity", help="List what of OpenSCENARIO plays, is ignored and is refused.")
 def import_(
     file: str | None,
-    folder: str | None,
+    folder: Path | None,
     out: Path | None,
     values: tuple[str, ...],
     conformity: bool,
@@ -63,7 +61,7 @@ def import_(
         if out is not None or options:
             what = "`--out` is" if out is not None else "Options `?` are"
             raise InputError(f"{what} for one file, got the catalogue {name}.")
-        say(listed(name, COLLECTIONS[name].files(Path(folder or "."))))
+        say(listed(name, COLLECTIONS[name].files(folder or Path())))
         return
     refuse_use_case(name)
     if not name.endswith(".xosc"):

@@ -12,7 +12,7 @@ import numpy as np
 
 from sumo_eval.errors import InputError
 from sumo_eval.extras.openscenario.collections import uses_of
-from sumo_eval.extras.openscenario.logical import Read, concrete, concrete_points, refusal
+from sumo_eval.extras.openscenario.logical import Read, concrete, concrete_points
 from sumo_eval.extras.openscenario.moves import changes_nothing
 from sumo_eval.scenario import played
 from sumo_eval.scenario.concrete import Actor
@@ -51,7 +51,7 @@ def described(read: Read) -> Iterator[str]:
             f"  this is road {read.road + 1} of {len(read.roads)} ({', '.join(read.roads)}); "
             "`?road=2` names another"
         )
-    points = _tried(read)
+    points = list(concrete_points(read, _MOST))
     playing, words, reasons = _counted(read, points)
     yield f"  {words}"
     for why, count in list(reasons.items())[:_SHOWN]:
@@ -94,20 +94,13 @@ def listed(name: str, paths: Sequence[Path]) -> Iterator[str]:
             continue
         files += 1
         for read in reads:
-            points = _tried(read)
+            points = list(concrete_points(read, _MOST))
             count, words, reasons = _counted(read, points)
             tried += len(points)
             playing += count
             why = "; ".join(f"{it} {why}" for why, it in [*reasons.items()][:_SHOWN])
             yield f"{read.logical.name}: {words}{why and '; not: '}{why}"
     yield f"{name}: {files} of {len(paths)} files play, {playing} of {tried} points tried"
-
-
-def _tried(read: Read) -> Points:
-    """The points that are tried: all, in a space with more than `_MOST` those along each axis."""
-    if read.space.size <= _MOST:
-        return list(concrete_points(read))
-    return [(it, refusal(read.space, read.frame, it)) for it in read.space.along_axes()]
 
 
 def _counted(read: Read, points: Points) -> tuple[int, str, dict[str, int]]:

@@ -12,7 +12,7 @@ Users: `extras/openscenario/collections.py`, `extras/openscenario/command.py`,
 import math
 import os.path
 import re
-from collections import Counter, defaultdict
+from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import lru_cache
@@ -189,30 +189,23 @@ def _check_possible(path: Path, case: FileCase) -> None:
     """
     frame = case.frame
     road = Road(frame.name, frame.length, frame.lanes, frame.lane_width, 0.0, line=frame.line)
-    entities = read_openscenario(path).child("Entities")
-    # the element that a message names: of an entity whose name was changed for SUMO, all entities
-    element_of = defaultdict(
-        lambda: entities, ((it.get("name"), it) for it in entities.all("ScenarioObject"))
-    )
-    element_of["ego"] = element_of[case.ego_name]
-
     for wrong in misplaced(road, case.ego, case.ego_body, case.actors):
-        raise element_of[wrong.name].fault(f"{wrong.what} must be {wrong.must}")
+        raise case.elements[wrong.name].fault(f"{wrong.what} must be {wrong.must}")
     if case.ego.x + 0.5 * case.ego_body.length + _BEFORE_END >= frame.length:
-        raise element_of["ego"].fault(
+        raise case.elements["ego"].fault(
             f"its front must be over {_BEFORE_END:g} m before its road's end"
         )
     for name, start in ("ego", case.ego), *((it.name, it.start) for it in case.actors):
         if start.speed > road.speed_limit:
             fastest = f"at most {road.speed_limit:g} m/s, the fastest that roads here allow"
-            raise element_of[name].fault(f"its speed at the start must be {fastest}")
+            raise case.elements[name].fault(f"its speed at the start must be {fastest}")
     if any(act.program for actor in case.actors for act in actor.acts):
         concrete_scenario = ConcreteScenario(
             path.stem, {}, 1.0, road, case.ego, case.actors, ego_body=case.ego_body
         )
         for actor, number in never_begin(concrete_scenario, case.ends):
             if not changes_nothing(actor.acts[number]):
-                raise element_of[actor.name].fault(
+                raise case.elements[actor.name].fault(
                     "the condition of a move of it can never hold, with any ADS"
                 )
 
@@ -343,7 +336,7 @@ def _tried(space: FileSpace) -> tuple[Scenes, Counter[str]]:
     if space.size > _MOST:
         raise must_be("The points", space.name, f"at most {_MOST:,}", space.size)
     tried, refused = [], Counter[str]()
-    for point in space.grid() if space.size <= _LOOKED_AT else space.along_axes():
+    for point in space.points(_LOOKED_AT):
         case = _looked_at(space, point)
         if not isinstance(case, str):
             tried.append((point, case))
@@ -540,9 +533,14 @@ def _search(scenes: Scenes, road: Road) -> Search | str:
     return Search(chosen[0]) if chosen else "no actor moves or stands in the way"
 
 
-def concrete_points(read: Read) -> Iterator[tuple[dict[str, float], str | None]]:
-    """All grid points of a file that was read, each with its `refusal`: why it is not driven."""
-    for point in read.space.grid():
+def concrete_points(
+    read: Read, most: float = math.inf
+) -> Iterator[tuple[dict[str, float], str | None]]:
+    """The points of a file that was read, each with its `refusal`: why it is not driven.
+
+    most: of a grid with more points, only those along each axis.
+    """
+    for point in read.space.points(most):
         yield point, refusal(read.space, read.frame, point)
 
 

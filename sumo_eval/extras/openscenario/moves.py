@@ -261,7 +261,7 @@ class Moves:
     # -- speeds ------------------------------------------------------------------------------------
 
     def _speed(self, element: Node, entity: Entity, begin: Moment) -> Span:
-        speed = target_speed(element, self.places)
+        speed = target_speed(element, self.places, entity)
         dynamics = self.places.exact(element.child("SpeedActionDynamics"))
         target = element.child("SpeedActionTarget").only()
         if target.flag("continuous"):
@@ -329,13 +329,12 @@ class Moves:
 
     def _from_any_speed(self, dynamics: Node, entity: Entity, begin: Moment, speed: float) -> Span:
         """A change from whatever speed the entity then has, at once or at a constant rate."""
-        kind = dynamics.one_of("dynamicsDimension", _DIMENSIONS)
-        if is_step(dynamics):
-            act = Act(BY_TIME, table=((AT_ONCE, speed),))
-        elif dynamics.text("dynamicsShape") != "linear" or kind == "distance":
+        kind, step = dynamics.one_of("dynamicsDimension", _DIMENSIONS), is_step(dynamics)
+        if not step and (dynamics.text("dynamicsShape") != "linear" or kind == "distance"):
             raise dynamics.fault(f"the speed of `{entity.name}` when this begins is unknown")
-        elif kind == "time":
-            act = Act(BY_TIME, table=((dynamics.above_zero("value"), speed),))
+        if step or kind == "time":
+            lasts = AT_ONCE if step else dynamics.above_zero("value")
+            act = Act(BY_TIME, table=((lasts, speed),))
         else:
             rate = abs(dynamics.number("value"))
             if rate == 0.0:  # it never reaches the speed
@@ -637,10 +636,8 @@ class Moves:
             raise element.fault("its master must be the ego and move at the start")
         if begin.time > 0.0 and any(act.kind in _SPEEDS for act in entity.acts):
             raise element.fault(f"the place of `{entity.name}` when this begins is unknown")
-        goal, start = (
-            self.places.spot(element.child("TargetPositionMaster")).pose,
-            master.placed().pose,
-        )
+        goal = self.places.spot(element.child("TargetPositionMaster")).pose
+        start = master.placed().pose
         distance = goal.seen_from(start).x
         if self.frame.turns:  # along the path on which it turns
             at = in_frame(goal, self.frame.origin, self.frame.line)
@@ -724,13 +721,14 @@ def _by_factor(target: Node) -> bool:
     return target.one_of("speedTargetValueType", ("delta", "factor")) == "factor"
 
 
-def target_speed(action: Node, places: Places) -> float:
-    """The speed that a SpeedAction leads to, m/s."""
+def target_speed(action: Node, places: Places, mover: Entity) -> float:
+    """The speed that a SpeedAction of an entity leads to, m/s."""
     target = action.child("SpeedActionTarget").only()
     speed = target.number("value")
     if target.tag == "RelativeTargetSpeed":
         other = places.referred(target)
-        if other.waits:
+        # `waits` includes this action, if the speed is relative to the entity's own
+        if other.waits > (other is mover):
             raise UnplacedError("", other.name)  # no text: `scene` tries again later
         speed = other.pace * speed if _by_factor(target) else other.pace + speed
     elif target.tag != "AbsoluteTargetSpeed":

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from sumo_eval.errors import InputError, did_you_mean
-from sumo_eval.extras.openscenario.reading import Node, watch
+from sumo_eval.extras.openscenario.reading import Node, read_root, watch
 from sumo_eval.frozen import frozen
 from sumo_eval.scenario.road.opendrive import (
     DRIVEN,
@@ -26,7 +26,6 @@ from sumo_eval.scenario.road.opendrive import (
 )
 from sumo_eval.scenario.road.pose import Pose
 from sumo_eval.scenario.road.reference_line import Line, bends, frame_places, length_of
-from sumo_eval.scenario.xml_file import read_xml
 
 WIDEST = 6.0  # m: a wider lane is an area without marks
 MARKED = 3.5  # m: width of the ego's lane in such an area
@@ -179,9 +178,7 @@ def read_network(path: Path) -> Network:
 @lru_cache(maxsize=32)
 def _read(path: Path, changed: int) -> Network:
     """`read_network`, cached. changed: time of the file's last change, a part of the key."""
-    root = Node(read_xml(path, "OpenDRIVE file"))
-    if root.tag != "OpenDRIVE":
-        raise root.fault("the root of an OpenDRIVE file must be <OpenDRIVE>")
+    root = read_root(path, "OpenDRIVE")
     roads = {}
     unread = {}
     for element in root.all(".//road"):

@@ -524,9 +524,7 @@ def _body_of(described: Node) -> str:
     """Body of a <Vehicle>, <Pedestrian> or <MiscObject>; an object counts as a standing car."""
     if described.tag != "Vehicle":
         bodies = {"Pedestrian": "pedestrian", "MiscObject": "car"}
-        if described.tag not in bodies:
-            raise described.unsupported()
-        return bodies[described.tag]
+        return described.chosen(bodies, "objects")
     category = described.text("vehicleCategory")
     if category not in BODY_OF:
         raise described.fault(f"a vehicle of category `{category}` is not supported")

@@ -36,20 +36,22 @@ _IN_KMH = re.compile(r"\$(\w+_)?(kph|kmh|kmph)", re.IGNORECASE)
 @lru_cache(maxsize=64)
 def _read_once(path: Path, changed: int) -> Node:
     """`read_openscenario`, cached. changed: time of the file's last change, a part of the key."""
-    root = read_xml(path, "OpenSCENARIO file")
-    if root.tag != "OpenSCENARIO":
-        raise InputError(
-            f"OpenSCENARIO file {path}: its root must be <OpenSCENARIO>, got <{root.tag}>."
-        )
-    header = root.find("FileHeader")
-    if header is None:
-        raise InputError(f"OpenSCENARIO file {path}: <FileHeader> is missing.")
+    root = read_root(path, "OpenSCENARIO")
+    header = root.child("FileHeader")
     version = f"{header.get('revMajor', '?')}.{header.get('revMinor', '?')}"
     if version not in _VERSIONS:
-        raise Node(header).fault(
+        raise header.fault(
             f"its version must be one of {', '.join(_VERSIONS)}, got {shown(version)}"
         )
-    return Node(root)
+    return root
+
+
+def read_root(path: Path, kind: str) -> Node:
+    """The root of an XML file, which must be of a kind: `OpenSCENARIO` or `OpenDRIVE`."""
+    root = Node(read_xml(path, f"{kind} file"))
+    if root.tag != kind:
+        raise root.fault(f"its root must be <{kind}>, got <{root.tag}>")
+    return root
 
 
 def read_openscenario(path: Path) -> Node:

@@ -81,7 +81,7 @@ class FileCase(NamedTuple):
     ego: where the ego starts.
     ends: time at which the case ends at the latest, s.
     ignored: kinds of elements without a meaning here.
-    ego_name: of the entity that the ADS drives, in the file.
+    elements: <ScenarioObject> of the ego, as `ego`, and of each actor by its name.
     whole: the case that `sumo-eval export` wrote into the file; None in other files.
     """
 
@@ -91,7 +91,7 @@ class FileCase(NamedTuple):
     actors: tuple[Actor, ...]
     ends: float
     ignored: tuple[str, ...]
-    ego_name: str
+    elements: Mapping[str, Node]
     whole: ConcreteScenario | None = None
 
 
@@ -116,7 +116,7 @@ def read_case(path: Path, given: Mapping[str, Value], options: FileOptions) -> F
             frame = Frame(ORIGIN, road.line, road.lanes, road.lane_width, road.end, road.name, 0.0,
                           "")  # fmt: skip
             ends = LONGEST if whole.time_limit is None else whole.time_limit
-            return FileCase(frame, whole.ego, body, whole.actors, ends, (), "ego", whole)
+            return FileCase(frame, whole.ego, body, whole.actors, ends, (), {}, whole)
     return _Player(root, given, options).scene()
 
 
@@ -305,7 +305,8 @@ class _Player:
             tuple(map(self._actor, names, actors)),
             self.limit,
             tuple(self.ignored),
-            ego.name,
+            {"ego": ego.element}
+            | {name: it.element for name, it in zip(names, actors, strict=True)},
         )
 
     def _ignore(self, action: Node) -> None:
@@ -383,12 +384,8 @@ class _Player:
 
         A gradual change, or a speed that is kept relative to another's, is a move from 0 s on.
         """
-        entity.waits -= 1  # a speed relative to the entity's own must not wait for itself
-        try:
-            speed = target_speed(element, self.places)
-        except UnplacedError:
-            entity.waits += 1
-            raise
+        speed = target_speed(element, self.places, entity)
+        entity.waits -= 1
         if is_step(element.child("SpeedActionDynamics")):
             entity.speed = entity.pace = speed
             if not element.child("SpeedActionTarget").only().flag("continuous"):

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -137,10 +137,12 @@ class FileSpace:
         for row in itertools.product(*(axis.values for axis in self.axes)):
             yield dict(zip(names, row, strict=True))
 
-    def along_axes(self) -> list[dict[str, float]]:
-        """Points of three stars: each axis at each of its values, with all other axes at their
-        first, last or middle value.
+    def points(self, most: float) -> Iterable[dict[str, float]]:
+        """The points of the grid. Where these are more than `most`, the points of three stars: each
+        axis at each of its values, with all other axes at their first, last or middle value.
         """
+        if self.size <= most:
+            return self.grid()
         values = {axis.name: axis.values for axis in self.axes}
         columns = values.values()
         ends_and_middles = ((column[0], column[-1], column[len(column) // 2]) for column in columns)
