@@ -279,7 +279,7 @@ def part_of(
     limit = most * estimate.upper_limit
     collisions = loss = 0.0, 0.0, limit
     draws = np.zeros((2, 2, DRAWS))
-    if (search.in_estimate & search.collided).any():
+    if estimate.hits:
         draws = np.minimum(_drawn_rates(space, search, seed, estimate.deviation), most)
         collisions, loss = (
             _rate(MILLION * space.per_km * np.array(limits), drawn, most)

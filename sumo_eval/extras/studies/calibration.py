@@ -11,8 +11,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from sumo_eval.errors import InputError
+from sumo_eval.groups import grouped
 from sumo_eval.method.score import middle, population_scale
-from sumo_eval.results import Evaluation
+from sumo_eval.results import Evaluation, ScenarioResult
 
 
 class Calibration(NamedTuple):
@@ -42,23 +43,25 @@ def calibrate(evaluations: Sequence[Evaluation], *, by: str) -> Calibration:
     """
     if by not in ("median", "mean"):
         raise InputError(f"`by` of a calibration must be 'median' or 'mean', got {by!r}.")
-    # index -> ADS -> its values in all scenarios
-    values: dict[str, dict[str, list[float]]] = {"c": {}, "d": {}}
-    left_out = []
     scores = [score for evaluation in evaluations for score in evaluation.scores]
-    for score in scores:
-        for index, of_ads in values.items():
-            value = getattr(score, index)
-            if value is None:
-                missing = f"{score.ads} in {score.scenario} has no {index.upper()}"
-                left_out.append(f"{missing} and is left out of its mean.")
-            else:
-                of_ads.setdefault(score.ads, []).append(value)
     count = len({score.ads for score in scores})
     if count < 2:
         raise InputError(f"A calibration needs a population of at least 2 ADSs, got {count}.")
-    c, d = ({ads: float(np.mean(own)) for ads, own in of_ads.items()} for of_ads in values.values())
+    left_out = [
+        f"{it.ads} in {it.scenario} has no {index.upper()} and is left out of its mean."
+        for it in scores
+        for index in ("c", "d")
+        if getattr(it, index) is None
+    ]
+    c, d = _means(scores, "c"), _means(scores, "d")
     return Calibration(by, _scale(c, by), _scale(d, by), c, d, tuple(left_out))
+
+
+def _means(scores: Sequence[ScenarioResult], index: str) -> dict[str, float]:
+    """The mean of an index, `c` or `d`, over the scenarios in which an ADS has it, by ADS."""
+    values = ((it.ads, getattr(it, index)) for it in scores)
+    by_ads = grouped((ads, value) for ads, value in values if value is not None)
+    return {ads: float(np.mean(own)) for ads, own in by_ads.items()}
 
 
 def _scale(means: Mapping[str, float], by: Any) -> float | None:
