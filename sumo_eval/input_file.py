@@ -81,12 +81,15 @@ def read_input_text(path: Path, what: str, largest: int = LARGEST) -> str:
 
 
 @contextmanager
-def writing(what: str) -> Iterator[None]:
+def writing(what: str, folder: Path | None = None) -> Iterator[None]:
     """A block that writes files. Where the system refuses that, it raises InputError.
 
     what: begins the sentence, `The case in out` for example.
+    folder: made before the block.
     """
     try:
+        if folder is not None:
+            folder.mkdir(parents=True, exist_ok=True)
         yield
     except OSError as error:
         raise InputError(f"{what} cannot be written: {error}.") from error

@@ -14,6 +14,7 @@ import math
 import re
 import traceback
 from collections.abc import Callable, Mapping
+from datetime import UTC, datetime
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -110,6 +111,11 @@ def words_of(value: object, most: int = WORDS) -> str:
     # `__str__` is the user's code
     except BaseException as error:  # noqa: BLE001
         return f"(its text is not available: __str__ raised {kind_of(error)})"
+
+
+def timestamp() -> str:
+    """The present time, UTC, in ISO format to the second."""
+    return datetime.now(UTC).isoformat(timespec="seconds")
 
 
 def point_words(values: Mapping[str, float]) -> str:

@@ -22,6 +22,7 @@ from sumo_eval.nightly.history import Accepted, History, Night, is_begun, open_h
 from sumo_eval.results import Evaluation
 from sumo_eval.scoring.comparison import Comparison, side_by_side
 from sumo_eval.scoring.gate_settings import GateSettings
+from sumo_eval.text import timestamp
 
 NIGHT = "night.json"
 
@@ -147,7 +148,7 @@ def accept(history: Path, night: str | None, reason: str, until: str | None) -> 
     """
     if not reason.strip():
         raise InputError("--reason must say why the night is accepted, got an empty text.")
-    if until is not None and until < _now()[:10]:
+    if until is not None and until < timestamp()[:10]:
         raise InputError(f"--until must be today (UTC) or later, got {until}.")
     # `create` adds tables that an older history lacks; a folder without a history is refused
     with open_history(history, create=is_begun(history)) as database:
@@ -175,7 +176,7 @@ def accept(history: Path, night: str | None, reason: str, until: str | None) -> 
                 f"Night {name} fails by limits on its own values alone, which no accepted night "
                 f"changes: change the gate. {'; '.join(remaining)}."
             )
-        database.accept(Accepted(name, _now(), reason, until, itself=False))
+        database.accept(Accepted(name, timestamp(), reason, until, itself=False))
     accepted += [f"{case}: {'; '.join(words)}" for case, words in changes.items()]
     return Acceptance(nights[name], accepted, remaining)
 
@@ -229,8 +230,4 @@ def pinned_by_itself(night: str, reason: str, pin: Accepted | None) -> Accepted:
 
     pin: acceptance of the earlier base; None: there was none.
     """
-    return Accepted(night, _now(), reason, None if pin is None else pin.until, itself=True)
-
-
-def _now() -> str:
-    return datetime.now(UTC).isoformat(timespec="seconds")
+    return Accepted(night, timestamp(), reason, None if pin is None else pin.until, itself=True)

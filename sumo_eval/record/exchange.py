@@ -166,8 +166,7 @@ def export(
     check_known("format of an export", FORMATS, kind)
     run, folder = open_run(path), Path(out)
     scored = _scored(run.folder, CASES)
-    with writing(f"The export to {folder}"):
-        folder.mkdir(parents=True, exist_ok=True)
+    with writing(f"The export to {folder}", folder):
         if kind == "csv":
             (folder / CASES).write_bytes(scored.read_bytes())
             return [folder / CASES, *_write_drives(run, folder, cell)]

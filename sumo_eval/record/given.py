@@ -41,8 +41,7 @@ def entry_of(ads: Any, run: Path, *, resume: bool) -> AdsSettings:
         ) from error
     refuse_foreign(run, resume)
     file = (run / GIVEN / f"{name}-{sha256(data)[:12]}.pickle").resolve()
-    with writing(f"The run folder {run}"):
-        file.parent.mkdir(parents=True, exist_ok=True)
+    with writing(f"The run folder {run}", file.parent):
         file.write_bytes(data)
     return AdsSettings(name, f"given:{file}")
 

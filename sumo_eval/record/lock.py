@@ -10,11 +10,11 @@ import platform
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager, suppress
-from datetime import UTC, datetime
 from pathlib import Path
 
 from sumo_eval.errors import InputError
 from sumo_eval.input_file import writing
+from sumo_eval.text import timestamp
 
 LOCK = ".lock"  # of a folder
 # Windows locks bytes and lets no other process read them: a byte far behind the file's text
@@ -29,8 +29,7 @@ def held(path: Path, folder: str, busy: Callable[[str], str]) -> Iterator[None]:
     folder: begins the InputError if the file cannot be made, e.g. `The run folder out`.
     busy: makes the error message if another process holds the file, from the name of that owner.
     """
-    with writing(folder):  # makes an InputError of an OSError
-        path.parent.mkdir(parents=True, exist_ok=True)
+    with writing(folder, path.parent):  # makes an InputError of an OSError
         file = _locked(path, busy)
     try:
         yield
@@ -62,7 +61,7 @@ def _locked(path: Path, busy: Callable[[str], str]) -> int:
     The last owner may remove the file between `open` and `_lock`. The lock of a removed file is
     worthless, as another process would make and lock a new one. So the file is then opened again.
     """
-    now = datetime.now(UTC).isoformat(timespec="seconds")
+    now = timestamp()
     while True:
         file = os.open(path, os.O_RDWR | os.O_CREAT, 0o644)
         try:

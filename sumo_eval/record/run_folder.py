@@ -13,7 +13,6 @@ import subprocess
 import sys
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
-from datetime import UTC, datetime
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -29,7 +28,7 @@ from sumo_eval.scenario.concrete import ConcreteScenario
 from sumo_eval.scenario.resolved import Resolved
 from sumo_eval.settings import EvaluationSettings, SimulationSettings
 from sumo_eval.settings.config import read_evaluation, to_toml
-from sumo_eval.text import file_stem
+from sumo_eval.text import file_stem, timestamp
 
 FACTS = "facts.sqlite"
 EVALUATION = "evaluation.toml"
@@ -118,7 +117,7 @@ def create(
             "format_version": FORMAT_VERSION,
             "name": settings.name,
             "seed": settings.seed,
-            "created": datetime.now(UTC).isoformat(timespec="seconds"),
+            "created": timestamp(),
             "source_folder": str(source),
             **versions_and_machine(_PACKAGES),
             "sha256": {name: sha256(inputs[name]) for name in sorted(inputs)},

@@ -44,8 +44,7 @@ def write_page(path: Path, page: str, what: str) -> Path:
 
     what: begins the error message if it cannot be written, e.g. `The report`.
     """
-    with writing(f"{what} {path}"):
-        path.parent.mkdir(parents=True, exist_ok=True)
+    with writing(f"{what} {path}", path.parent):
         write_whole(path, page)
     return path
 
@@ -132,10 +131,8 @@ def write_csv(path: Path, columns: Iterable[str], rows: Iterable[Iterable[Any]])
 
     Raises InputError where it cannot be written.
     """
-    with writing(str(path)):
-        path.parent.mkdir(parents=True, exist_ok=True)
-        with path.open("w", newline="", encoding="utf-8") as file:
-            writer = csv.writer(file, lineterminator="\n")
-            writer.writerow(columns)
-            writer.writerows(rows)
+    with writing(str(path), path.parent), path.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow(columns)
+        writer.writerows(rows)
     return path

@@ -506,7 +506,6 @@ def _braking_leads(traffic: RecordedTraffic) -> Iterator[Event]:
 def write_events(events: Events, folder: Path) -> None:
     """One CSV a kind, and the lane changes."""
     tables = {**events.tables, "lane_change": events.lane_changes.drop(columns="row")}
-    with writing(f"The events in {folder}"):
-        folder.mkdir(parents=True, exist_ok=True)
+    with writing(f"The events in {folder}", folder):
         for kind, table in tables.items():
             each_text(table.round(4), cell).to_csv(folder / f"{kind}.csv", index=False)

@@ -165,13 +165,14 @@ def smooth(values: FloatArray, window: int) -> FloatArray:
 
 def write_csv(recordings: Recordings, path: Path) -> None:
     """Write a canonical table as CSV (or .csv.gz); the file appears whole or not at all."""
-    with writing(f"The recordings in {path}"):
-        path.parent.mkdir(parents=True, exist_ok=True)
+    with (
+        writing(f"The recordings in {path}", path.parent),
         # in a temporary folder: a temporary file stays readable by its owner alone, even when moved
-        with tempfile.TemporaryDirectory(dir=path.parent) as folder:
-            partial = Path(folder) / path.name
-            each_text(recordings.table.round(_DECIMALS), cell).to_csv(partial, index=False)
-            partial.replace(path)
+        tempfile.TemporaryDirectory(dir=path.parent) as folder,
+    ):
+        partial = Path(folder) / path.name
+        each_text(recordings.table.round(_DECIMALS), cell).to_csv(partial, index=False)
+        partial.replace(path)
 
 
 def read_csv(path: Path) -> Recordings:

@@ -153,8 +153,7 @@ def learn(
         f"{survey.kilometres:.1f} vehicle-km in {survey.hours:.2f} h"
     )
     learnt = {}
-    with writing(f"The scenarios in {folder}"):
-        folder.mkdir(parents=True, exist_ok=True)
+    with writing(f"The scenarios in {folder}", folder):
         for done, name in enumerate(CLASSES, start=1):
             learnt[name] = _fitted(measure(survey.classes[name], survey, about), folder / name)
             watch(f"fitted {name}", done)

@@ -14,7 +14,6 @@ import json
 import re
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, field
-from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -36,6 +35,7 @@ from sumo_eval.record.run_folder import FACTS
 from sumo_eval.record.store import open_store
 from sumo_eval.report.page import Json
 from sumo_eval.scenario.concrete import Actor, ConcreteScenario, Road, Start
+from sumo_eval.text import timestamp
 from sumo_eval.trajectory import Recording
 
 if TYPE_CHECKING:
@@ -67,7 +67,7 @@ class Participant:
 
     def finish(self, step: str, **entry: Any) -> None:
         """Note that a step is done, in the journal on disk before the next step begins."""
-        entry = {"step": step, "when": datetime.now(UTC).isoformat(timespec="seconds"), **entry}
+        entry = {"step": step, "when": timestamp(), **entry}
         with (self.folder / "journal.jsonl").open("ab+") as file:
             file.seek(0)
             last = file.read().rpartition(b"\n")[2]
@@ -125,12 +125,11 @@ def enter(plan: StudyPlan, code: str) -> Participant:
         if person.code.lower() == code.lower():
             return person
     folder = plan.folder / "participants" / code
-    with writing(f"The study in {folder}"):
-        folder.mkdir(parents=True, exist_ok=True)
     # the least free number: that of a removed folder is free again
     number = min({*range(len(people) + 1)} - {person.number for person in people})
     person = Participant(code, number, folder)
-    person.finish("begun", number=person.number)
+    with writing(f"The study in {folder}", folder):
+        person.finish("begun", number=number)
     return person
 
 

@@ -16,7 +16,6 @@ import sys
 from collections.abc import Iterable, Sequence
 from contextlib import suppress
 from dataclasses import asdict, replace
-from datetime import UTC, datetime
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -30,6 +29,7 @@ from sumo_eval.report.page import Json
 from sumo_eval.scenario.catalogue import find
 from sumo_eval.scenario.concrete import ConcreteScenario
 from sumo_eval.settings import SimulationSettings, VehicleSettings
+from sumo_eval.text import timestamp
 from sumo_eval.trajectory import CHANNELS, Recording
 
 FORMAT = 1
@@ -67,8 +67,7 @@ class Writer:
     """A tape that is being written."""
 
     def __init__(self, path: Path, head: Json) -> None:
-        with writing(f"The drive in {path}"):
-            path.parent.mkdir(parents=True, exist_ok=True)
+        with writing(f"The drive in {path}", path.parent):
             self._file = path.open("x", encoding="utf-8")
         self.line({"format": FORMAT, **head})
 
@@ -163,7 +162,7 @@ def head_of(concrete: ConcreteScenario, settings: SimulationSettings, **more: An
             "vehicle": asdict(settings.vehicle)
         },
         **more,
-        "begun": datetime.now(UTC).isoformat(timespec="seconds"),
+        "begun": timestamp(),
         "versions": {
             "sumo_eval": version("sumo_eval"), "libsumo": version("libsumo"),
             "python": sys.version.split()[0]

@@ -5,7 +5,6 @@ Users: `extras/studies/qualify_command.py`.
 
 import math
 from collections.abc import Callable, Iterable, Iterator
-from datetime import UTC, datetime
 from pathlib import Path
 from typing import NamedTuple
 
@@ -14,6 +13,7 @@ from sumo_eval.extras.studies.qualification.table import Answer, Check
 from sumo_eval.groups import grouped
 from sumo_eval.record.run_folder import versions_and_machine
 from sumo_eval.report.page import Json, template, write_json, write_page
+from sumo_eval.text import timestamp
 
 FORMAT_VERSION = 1
 ENTRIES = "kind", "name", "source", "expected", "found", "bound", "unit", "passed", "error"
@@ -128,7 +128,7 @@ def qualify(checks: Iterable[Check], watch: Callable[[str, int, int], None]) -> 
     packages = "sumo_eval", "libsumo", "numpy", "scipy", "scikit-learn", "numba"
     return Qualification(
         tuple(findings),
-        created=datetime.now(UTC).isoformat(timespec="seconds"),
+        created=timestamp(),
         **versions_and_machine(packages),
     )
 
