@@ -24,6 +24,7 @@ from sumo_eval.kernels import Layout, Records, fields, flags, kernel
 from sumo_eval.kernels import rows as compiled_rows
 from sumo_eval.scenario.road.reference_line import frame_places, knots_of
 from sumo_eval.settings import SimulationSettings
+from sumo_eval.trajectory import FloatArray
 
 
 @compiled_rows
@@ -153,7 +154,7 @@ class Compiled:
         )
         self._line = scenario.road.line
         self._way = scenario.way
-        self._along: list[float] | None = None
+        self._along: FloatArray | None = None
         self._sizes: dict[str, tuple[float, float]] = {}  # of each vehicle, the ego first
 
     def step(self, traci: Any, ego: str, time: float) -> Command:
@@ -201,15 +202,13 @@ class Compiled:
         """Move bodies from the map into the road's frame, in place; return them."""
         if not self._line:
             return bodies
+        on_map = bodies["x"], bodies["y"], bodies["heading"]
         # `_along`: last x of each body, m, where the search along the line begins
         if self._along is None:
-            self._along = frame_places(self._line, bodies["x"], bodies["y"])[0].tolist()
-        for i, (body, near) in enumerate(zip(bodies, self._along, strict=True)):
-            x, y, heading = frame_places(
-                self._line, body["x"], body["y"], body["heading"], near=near
-            )
-            body["x"], body["y"], body["heading"] = x, y, heading
-            self._along[i] = float(x)
+            self._along = frame_places(self._line, *on_map)[0]
+        in_frame = frame_places(self._line, *on_map, self._along)
+        bodies["x"], bodies["y"], bodies["heading"] = in_frame
+        self._along = in_frame[0]
         return bodies
 
     def settled(self) -> bool:

@@ -14,7 +14,7 @@ Users: `ads/`, `cosim/`, `drivers/`, `method/`, `record/`, `report/`, `scenario/
 
 import functools
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -256,17 +256,17 @@ def to_frame(line: Any, x: float, y: float, heading: float, near: float) -> Posi
 
 
 @rows
-def _to_map_rows(line: Records, places: FloatArray, mapped: FloatArray) -> None:
-    """`to_map` of places (n, 3), columns s, d, heading, to `mapped`, (n, 4)."""
+def _convert_rows(line: Records, places: FloatArray, positions: FloatArray) -> None:
+    """`to_map` of places (n, 3), columns s, d, heading, or `to_frame` of places (n, 4), columns x,
+    y, heading, near; to `positions`, (n, 4).
+    """
+    from_map = places.shape[1] == 4
     for i in range(len(places)):
-        mapped[i] = to_map(line, places[i, 0], places[i, 1], places[i, 2])
-
-
-@rows
-def _to_frame_rows(line: Records, places: FloatArray, framed: FloatArray) -> None:
-    """`to_frame` of places (n, 4), columns x, y, heading, near, to `framed`, (n, 4)."""
-    for i in range(len(places)):
-        framed[i] = to_frame(line, places[i, 0], places[i, 1], places[i, 2], places[i, 3])
+        place = places[i]
+        if from_map:
+            positions[i] = to_frame(line, place[0], place[1], place[2], place[3])
+        else:
+            positions[i] = to_map(line, place[0], place[1], place[2])
 
 
 def map_places(
@@ -276,7 +276,7 @@ def map_places(
 
     s, d, heading: m, m and rad, arrays that broadcast to one shape.
     """
-    x, y, mapped_heading = _columns(pieces, (s, d, heading), _to_map_rows)[:3]
+    x, y, mapped_heading = _columns(pieces, s, d, heading)[:3]
     return x, y, mapped_heading
 
 
@@ -299,30 +299,26 @@ def frame_places(
         # squared distance of every place from every point, (..., points)
         squares = np.subtract.outer(x, grid_x) ** 2 + np.subtract.outer(y, grid_y) ** 2
         near = grid[np.argmin(squares, axis=-1)]
-    s, d, framed_heading = _columns(pieces, (x, y, heading, near), _to_frame_rows)[:3]
+    s, d, framed_heading = _columns(pieces, x, y, heading, near)[:3]
     return s, d, framed_heading
 
 
 def curvatures(pieces: Line, s: ArrayLike) -> FloatArray:
     """Curvature of a line at s (any shape), 1/m, left positive."""
-    return _columns(pieces, (s, 0.0, 0.0), _to_map_rows)[3]  # after x, y, heading
+    return _columns(pieces, s, 0.0, 0.0)[3]  # after x, y, heading
 
 
-def _columns(
-    pieces: Line,
-    places: Sequence[ArrayLike],
-    rule: Callable[[Records, FloatArray, FloatArray], None],
-) -> list[FloatArray]:
-    """The four fields of each place's `Position`, arrays of the places' common shape, by a rule.
+def _columns(pieces: Line, *places: ArrayLike) -> list[FloatArray]:
+    """The four fields of each place's `Position`, arrays of the places' common shape.
 
-    places: the columns of the rule's `places`, arrays that broadcast. On a straight line the first
-        three are the result, with curvature 0.
+    places: columns as of `_convert_rows`, arrays that broadcast. On a straight line the first three
+        are the result, with curvature 0.
     """
     arrays = np.broadcast_arrays(*(np.asarray(it, float) for it in places))
     rows_of_places = np.stack([it.ravel() for it in arrays], axis=1)
     positions = np.zeros((len(rows_of_places), 4))
     if pieces:
-        rule(knots_of(pieces), rows_of_places, positions)
+        _convert_rows(knots_of(pieces), rows_of_places, positions)
     else:
         positions[:, :3] = rows_of_places[:, :3]
     return [column.reshape(arrays[0].shape) for column in positions.T]
