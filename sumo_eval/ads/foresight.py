@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from math import atan2, cos, inf, isfinite, isinf, sin
+from math import atan2, cos, inf, isfinite, isinf
 from typing import NamedTuple
 
 import numpy as np
@@ -344,12 +344,8 @@ def _ego_body(ego: Start, vehicle: VehicleSettings, time: float, line: Line) -> 
     y, next_y = ego.y_at([x, x + _AHEAD]).tolist()
     heading = atan2(next_y - y, _AHEAD)
     # the body as if its centre were at the rear axle
-    axle = _on_the_map(
-        Body(x, y, heading, ego.speed, vehicle.length + room, vehicle.width + room), line
-    )
-    return axle._replace(
-        x=axle.x + to_centre * cos(axle.heading), y=axle.y + to_centre * sin(axle.heading)
-    )
+    length, width = vehicle.length + room, vehicle.width + room
+    return _on_the_map(Body(x, y, heading, ego.speed, length, width), line).moved(to_centre)
 
 
 def _on_the_map(body: Body, line: Line) -> Body:

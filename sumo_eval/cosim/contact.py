@@ -6,8 +6,6 @@ lanes, not bodies.
 Users: `cosim/world.py`.
 """
 
-import math
-
 from sumo_eval.scenario.road.pose import Pose
 from sumo_eval.scenario.touch import Body, velocity
 from sumo_eval.trajectory import Collision, Side
@@ -78,11 +76,9 @@ def _touching_point(ego: Body, other: Body) -> tuple[float, float]:
 
 def _inward_speeds(ego: Body, other: Body) -> dict[Side, float]:
     """Speeds at which the other body moves into each face of the ego, m/s."""
-    own, others = velocity(ego), velocity(other)
-    closing = others[0] - own[0], others[1] - own[1]
-    c = math.cos(ego.heading)
-    s = math.sin(ego.heading)
-    forward, leftward = closing[0] * c + closing[1] * s, closing[1] * c - closing[0] * s
+    # both velocities as points, seen from the ego's in the direction of its heading
+    closing = Pose(*velocity(other), 0.0).seen_from(Pose(*velocity(ego), ego.heading))
+    forward, leftward, _ = closing
     return {"front": -forward, "rear": forward, "left": -leftward, "right": leftward}
 
 

@@ -5,7 +5,6 @@ Users: `ads/foresight.py`, `cosim/ego_control.py`, `cosim/loop.py`, `cosim/on_tr
 `cosim/stage.py`, `cosim/step_rules.py`, `cosim/traffic.py`, `cosim/world.py`.
 """
 
-from math import cos, sin
 from typing import Any
 
 from sumo_eval.errors import SimulationError
@@ -31,12 +30,6 @@ class LeftTheRoadError(Exception):
     """SUMO has lost the ego, because it has left the road."""
 
 
-def front(body: Body) -> tuple[float, float]:
-    """Centre of the front bumper, m."""
-    half = 0.5 * body.length
-    return body.x + half * cos(body.heading), body.y + half * sin(body.heading)
-
-
 def leaves_the_lanes(ego: Body, road: Road, step: float) -> bool:
     """Whether the ego is where SUMO has no lane for it, or gets there within a step.
 
@@ -45,11 +38,9 @@ def leaves_the_lanes(ego: Body, road: Road, step: float) -> bool:
 
     step: s.
     """
-    ahead = ego.speed * step
-    next_ego = ego._replace(x=ego.x + ahead * cos(ego.heading), y=ego.y + ahead * sin(ego.heading))
     reach = 0.5 * ego.width - LOSS_MARGIN
-    for body in (ego, next_ego):
-        x, y = front(body)
+    for body in (ego, ego.moved(ego.speed * step)):
+        x, y, *_ = body.moved(0.5 * body.length)  # the centre of the front bumper
         if not (
             road.right_edge_at(body.x) <= body.y <= road.left_edge_at(body.x)
             and road.right_edge_at(x) - reach <= y <= road.left_edge_at(x) + reach

@@ -35,7 +35,6 @@ from sumo_eval.cosim.impossible import (
     LOST,
     LOWEST_SPEED,
     LeftTheRoadError,
-    front,
     impossible,
     leaves_the_lanes,
 )
@@ -507,7 +506,8 @@ class _Hook:
             if front_x <= -LOST and leaves_the_lanes(last, self.road, self._step):
                 raise LeftTheRoadError
             x, y, heading = self._state[MAP : MAP + 3]
-            fault = impossible(calls, ego, front(Body(x, y, heading, last.speed, *sizes)), now)
+            front = last._replace(x=x, y=y, heading=heading).moved(self._half)[:2]
+            fault = impossible(calls, ego, front, now)
             raise ControllerError(f"The ADS is responsible: {fault}") if GUARD.moved else fault
         return (front_x, front_y), remainder(radians(STRAIGHT - angle), tau), speed
 

@@ -35,6 +35,12 @@ class Body(NamedTuple):
     width: float
     across: float = 0.0
 
+    def moved(self, distance: float) -> "Body":
+        """The body `distance` m further in its heading."""
+        return self._replace(
+            x=self.x + distance * cos(self.heading), y=self.y + distance * sin(self.heading)
+        )
+
     def corners(self) -> tuple[tuple[float, float], ...]:
         """The four corners, m."""
         c = cos(self.heading)

@@ -11,6 +11,7 @@ import numpy as np
 
 from sumo_eval.errors import InputError, must_be
 from sumo_eval.frozen import frozen
+from sumo_eval.scenario.road.pose import Pose, onto_the_line
 from sumo_eval.scenario.road.reference_line import Piece, map_places
 from sumo_eval.trajectory import FloatArray
 
@@ -105,8 +106,7 @@ def _distance(cubic: Cubic, pieces: list[Piece], stretch: float) -> float:
     s = np.append(0.0, np.cumsum(cubic.lengths(places))) * stretch
     x, y, _ = map_places(tuple(pieces), s, 0.0)
     # the pieces begin at the origin along x: move and turn the cubic to that
-    u, v = (axis - axis[0] for axis in cubic.at(places))
-    heading = cubic.heading(places)[0]
-    cos = math.cos(heading)
-    sin = math.sin(heading)
-    return float(np.hypot(x - (u * cos + v * sin), y - (v * cos - u * sin)).max())
+    points = np.column_stack(cubic.at(places))
+    first_x, first_y = points[0]
+    axes = Pose(first_x, first_y, cubic.heading(places)[0])
+    return float(np.hypot(*(onto_the_line(points, axes).T - (x, y))).max())
