@@ -174,10 +174,8 @@ def _run_rows(cast: Cast, tracks: FloatArray, step: float) -> None:
         for k in range(tracks.shape[2]):
             _advance(case, k * step, max(k - 1, 0) * step, 0.0)
             for j in range(len(case.others)):
-                other, row = case.others[j], tracks[i, j, k]
-                row[0], row[1] = other.x, other.y
-                row[2], row[3] = other.heading, other.speed
-                row[4] = other.across
+                it = case.others[j]
+                tracks[i, j, k] = it.x, it.y, it.heading, it.speed, it.across
 
 
 @rows
