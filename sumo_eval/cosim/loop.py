@@ -127,11 +127,9 @@ def _explain_refusal(world: World, row: int) -> None:
     if ego["reason"] != ADS_ERROR or world.case_of(row) in world.errors:
         return
     acceleration, steering = ego["command"].tolist()
-    name = "acceleration"
-    value = acceleration
+    name, value = "acceleration", acceleration
     if np.isfinite(acceleration):
-        name = "steering"
-        value = steering
+        name, value = "steering", steering
     world.fail(
         row,
         "ads_error",

@@ -416,10 +416,10 @@ class Stage:
         by_ads = self.ads_asks and self._alone and GUARD.moved and not vehicle
         world.fail(row, "ads_error" if by_ads else "sim_error", f"SUMO {words.format(subject)}")
 
-    def remove(self, world: World, row: int) -> None:
-        """Remove the vehicles of a case that has ended from its batch."""
+    def remove(self, world: World, row: int, shadows: Sequence[str] = ()) -> None:
+        """Remove the vehicles of a case that has ended from its batch, and their shadows."""
         if self._alone:
             return
-        for name in self.names[world.case_of(row)]:
+        for name in (*self.names[world.case_of(row)], *shadows):
             with suppress(self.traci.TraCIException):  # SUMO may have removed it
                 self.traci.vehicle.remove(name)

@@ -12,7 +12,6 @@ Users: `cosim/simulation.py`.
 """
 
 from collections.abc import Sequence
-from contextlib import suppress
 from math import cos
 from typing import Any, NamedTuple
 
@@ -384,13 +383,8 @@ class Traffic(Stage):
             if not abs(off) <= _TOLERANCE_IN_A_CURVE:  # `not <=`: true of nan as well
                 self._fail(world, row, j, f"put {{}} {off:.3f} m along its lane from its place.")
 
-    def remove(self, world: World, row: int) -> None:
-        """Remove the vehicles of a case that has ended from its batch."""
-        super().remove(world, row)
-        shadows = self._shadow_of[row * self._width : (row + 1) * self._width]
-        if self._alone:
-            return
-        for name in filter(None, shadows):
-            with suppress(self.traci.TraCIException):  # SUMO may have removed it
-                self.traci.vehicle.remove(name)
-            self._shown_shadows.discard(name)
+    def remove(self, world: World, row: int, shadows: Sequence[str] = ()) -> None:
+        """Remove the vehicles of a case that has ended from its batch, and their shadows."""
+        of_row = self._shadow_of[row * self._width : (row + 1) * self._width]
+        super().remove(world, row, list(filter(None, of_row)))
+        self._shown_shadows.difference_update(of_row)

@@ -222,14 +222,17 @@ class Observation:
     _ego: the ego as it is, a `_Body`.
     _look: the ego and the actors as they are perceived; x is nan of an actor that is not seen.
     _kinds: kind of each actor.
+    desired_speed, goal, change: as in `Task`; nan and None where there is no task.
     """
 
     time: float
     road: Road
     _ego: _Body
     _look: _Look
-    _task: Task
     _kinds: Sequence[str]
+    desired_speed: float
+    goal: tuple[float, float]
+    change: tuple[float, float] | None
 
     def __init__(
         self, time: float, road: Road, ego: _Body, look: _Look, task: Task | None,
@@ -239,8 +242,8 @@ class Observation:
         own = self.__dict__
         own["time"], own["road"], own["_ego"] = time, road, ego
         own["_look"] = look
-        own["_task"] = task or _NO_TASK
         own["_kinds"] = kinds
+        own["desired_speed"], own["goal"], own["change"] = task or _NO_TASK
 
     @_Computed
     def ego(self) -> SeenEgo:
@@ -299,26 +302,9 @@ class Observation:
         return tuple(self.road.lane_centre(lane) - self._ego[1] for lane in range(self.road.lanes))
 
     @property
-    def desired_speed(self) -> float:
-        """The speed that the ego wants, m/s: its initial speed; nan if unknown."""
-        return self._task.desired_speed
-
-    @property
     def speed_limit(self) -> float:
         """Speed limit of the road, m/s."""
         return self.road.speed_limit
-
-    @property
-    def goal(self) -> tuple[float, float]:
-        """x, y of the road's end in the lane where the ego has to be then, m; nan if unknown."""
-        return self._task.goal
-
-    @property
-    def change(self) -> tuple[float, float] | None:
-        """First x at which the ego may change to the goal's lane, and x by which it must have
-        changed, m; None: it may stay in its lane.
-        """
-        return self._task.change
 
     @property
     def lane_borders(self) -> tuple[LaneLine, ...]:
@@ -349,7 +335,7 @@ class Observation:
         """The curvature of the road's line (the right lane's centre) beside the ego, 1/m, positive
         to the left.
         """
-        return float(curvatures(self.road.line, self._ego[0])) if self.road.bent else 0.0
+        return float(curvatures(self.road.line, self._ego[0]))
 
     def lane_lines(self, ahead: float = 100.0, every: float = 2.0) -> tuple[FloatArray, ...]:
         """The lanes' centre lines, the right-hand lane first: of each lane points (n, 2), m ahead

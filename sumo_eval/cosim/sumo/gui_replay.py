@@ -88,8 +88,6 @@ def replay_in_gui(
 
 def _on_map(road: Road, trajectory: Trajectory) -> Trajectory:
     """A trajectory in road coordinates, converted to map coordinates."""
-    if not road.bent:
-        return trajectory
     x, y, heading = map_places(road.line, trajectory.x, trajectory.y, trajectory.heading)
     return replace(trajectory, x=x, y=y, heading=heading)
 

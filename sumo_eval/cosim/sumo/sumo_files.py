@@ -424,7 +424,7 @@ def first_front(road: Road, start: Start, length: float) -> float:
 
     length: of the body, m.
     """
-    bend = float(curvatures(road.line, start.x)) if road.bent else 0.0
+    bend = float(curvatures(road.line, start.x))
     return start.x + 0.5 * length / (1.0 - bend * start.y)
 
 
