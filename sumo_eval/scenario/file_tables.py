@@ -17,7 +17,7 @@ from typing import Annotated, Any, Literal
 from annotated_types import MinLen
 
 from sumo_eval.errors import InputError, check_known, must_be
-from sumo_eval.frozen import frozen
+from sumo_eval.frozen import frozen, required
 from sumo_eval.input_file import sha256
 from sumo_eval.scenario.concrete import CHANGES, Numbers, Road
 from sumo_eval.scenario.distribution import Distribution
@@ -57,7 +57,6 @@ from sumo_eval.scenario.units import check_unit, check_uses, factor_to, in_own_u
 from sumo_eval.scenario.vehicle_tables import EgoTable, Placement, VehicleTable
 from sumo_eval.scenario.zone_table import ZoneTable
 from sumo_eval.settings.checked import (
-    About,
     Checked,
     FilledText,
     PositiveFloat,
@@ -74,8 +73,8 @@ from sumo_eval.text import capitalised
 class ParameterTable(Checked):
     """One axis of the space."""
 
-    name: Annotated[FilledText, About("name, for expressions and tables")]
-    unit: Annotated[FilledText, About("unit; `1` for a share")]
+    name: FilledText = required("name, for expressions and tables")
+    unit: FilledText = required("unit; `1` for a share")
     about: str = setting("", "what it is")
     low: float | None = optional("lower end of the range")
     high: float | None = optional("upper end of the range")
@@ -146,7 +145,7 @@ class ParameterTable(Checked):
 class ConstraintTable(Checked):
     """Constraint on the points of the box."""
 
-    require: Annotated[str, About("a condition on the parameters, e.g. `lead_speed < ego_speed`")]
+    require: str = required("a condition on the parameters, e.g. `lead_speed < ego_speed`")
     about: str = setting("", "the same in words: the point must be ...")
 
     def read(self, names: Names, definitions: Definitions) -> Constraint:
@@ -271,8 +270,8 @@ class SampleTable(Checked):
     other parameters are computed by `set`.
     """
 
-    name: Annotated[FilledText, About("name, for `method` of an evaluation's sampling")]
-    points: Annotated[tuple[tuple[float, ...], ...], MinLen(1), About("the rows")]
+    name: FilledText = required("name, for `method` of an evaluation's sampling")
+    points: Annotated[tuple[tuple[float, ...], ...], MinLen(1)] = required("the rows")
     about: str = setting("", "what they are")
     columns: tuple[str, ...] = setting(
         (), "the parameters that a row holds; default: all that `each` and `set` do not, in order"
@@ -364,9 +363,9 @@ class OptionTable(Option):
 class JointTable(Checked):
     """Exposure of points from recorded events, with the dependence between parameters."""
 
-    events: Annotated[
-        FilledText, About("CSV with a row an event and a column a parameter, relative to this file")
-    ]
+    events: FilledText = required(
+        "CSV with a row an event and a column a parameter, relative to this file"
+    )
     kind: JointKind = setting(
         "kde",
         "kde: a Gaussian at each event; copula: each parameter by a KDE of its own, and their "
@@ -402,10 +401,9 @@ class JointTable(Checked):
 class RecordedTable(Checked):
     """The events of recordings that are this scenario."""
 
-    event: Annotated[
-        Literal["approach", "cut_out", "cut_in", "lead_braking"],
-        About("kind of event, as `humans events` finds them"),
-    ]
+    event: Literal["approach", "cut_out", "cut_in", "lead_braking"] = required(
+        "kind of event, as `humans events` finds them"
+    )
     columns: dict[str, str] = empty_table(
         "parameter = column of the events; default: the column of the parameter's name"
     )
@@ -443,15 +441,12 @@ class RecordedTable(Checked):
 class RequireTable(Checked):
     """A condition on every drive; cases that miss it are counted next to the scores."""
 
-    check: Annotated[
-        str,
-        About(
-            "a condition on the whole drive: min, max, at_end of time, x, offset, speed, "
-            "acceleration, jerk, lateral_speed, gap, thw, ttc, and x, y, speed, lateral_speed of "
-            "another vehicle, as `x(lead)`; collided, reached_end; e.g. `min(gap) > 2 and collided "
-            "== 0`"
-        ),
-    ]
+    check: str = required(
+        "a condition on the whole drive: min, max, at_end of time, x, offset, speed, "
+        "acceleration, jerk, lateral_speed, gap, thw, ttc, and x, y, speed, lateral_speed of "
+        "another vehicle, as `x(lead)`; collided, reached_end; e.g. `min(gap) > 2 and collided "
+        "== 0`"
+    )
     name: str = setting("", "name in tables; default: the check itself")
     about: str = setting("", "the same in words")
 
@@ -460,15 +455,12 @@ class RequireTable(Checked):
 class ScenarioFile(Checked):
     """A logical scenario file."""
 
-    name: Annotated[FilledText, About("name of the scenario")]
-    parameter: Annotated[tuple[ParameterTable, ...], About("the axes of the space")]
-    ego: Annotated[EgoTable, About("the vehicle under test")]
-    zone: Annotated[
-        ZoneTable | Literal["none"],
-        About(
-            "zone rule; `none`: no zone can be defined, everything is safe, C and A are by outcome"
-        ),
-    ]
+    name: FilledText = required("name of the scenario")
+    parameter: tuple[ParameterTable, ...] = required("the axes of the space")
+    ego: EgoTable = required("the vehicle under test")
+    zone: ZoneTable | Literal["none"] = required(
+        "zone rule; `none`: no zone can be defined, everything is safe, C and A are by outcome"
+    )
     vehicle: tuple[VehicleTable, ...] = setting((), "the actors")
     stream: tuple[StreamTable, ...] = setting((), "traffic of a given density")
     about: str = setting("", "what happens, a sentence")

@@ -11,13 +11,12 @@ from dataclasses import field, replace
 from html import escape
 from math import floor, inf, isfinite, log10
 from numbers import Real
-from typing import Annotated
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from sumo_eval.errors import InputError, check_known, check_name, must_be
-from sumo_eval.frozen import frozen
+from sumo_eval.frozen import frozen, required
 from sumo_eval.scenario.concrete import (
     CHANGES,
     Actor,
@@ -29,7 +28,7 @@ from sumo_eval.scenario.concrete import (
 )
 from sumo_eval.scenario.distribution import Distribution
 from sumo_eval.scenario.requirement import Requirements
-from sumo_eval.settings.checked import About, Checked, FilledText, Natural, PositiveFloat, setting
+from sumo_eval.settings.checked import Checked, FilledText, Natural, PositiveFloat, setting
 from sumo_eval.text import point_words
 from sumo_eval.trajectory import BoolArray, FloatArray
 
@@ -203,8 +202,8 @@ class ZoneCoordinates:
 class Option(Checked):
     """A number that `use` may set: `cut_in?lateral_acceleration=1.5`."""
 
-    name: Annotated[FilledText, About("name, for expressions and in `use`")]
-    unit: Annotated[FilledText, About("unit; `1` for a share")]
+    name: FilledText = required("name, for expressions and in `use`")
+    unit: FilledText = required("unit; `1` for a share")
     about: str = setting("", "what it is")
 
 
@@ -239,10 +238,8 @@ class Counterpart:
 class Occurrence(Checked):
     """Frequency with which the scenario occurred on the road, over all values of its parameters."""
 
-    events: Annotated[Natural, About("how many times")]
-    vehicle_km: Annotated[
-        PositiveFloat, About("driven by all vehicles that might have met it", "km")
-    ]
+    events: Natural = required("how many times")
+    vehicle_km: PositiveFloat = required("driven by all vehicles that might have met it", "km")
     where: str = setting("", "on which roads, when")
 
 

@@ -7,17 +7,16 @@ Users: `scenario/file_tables.py`, `scenario/vehicle_tables.py`.
 """
 
 from collections.abc import Iterator
-from typing import Annotated, Literal
+from typing import Literal
 
 import numpy as np
 
 from sumo_eval.errors import check_vehicle_name, must_be
-from sumo_eval.frozen import frozen
+from sumo_eval.frozen import frozen, required
 from sumo_eval.scenario.bodies import BODIES
 from sumo_eval.scenario.concrete import Actor, Model, Numbers, Road, Start
 from sumo_eval.scenario.formulas import Formula, LimitedFormulas, Names, PositiveFormula
 from sumo_eval.settings.checked import (
-    About,
     Checked,
     FilledText,
     Natural,
@@ -32,18 +31,14 @@ MOST = 200  # vehicles of one stream
 class StreamTable(Checked):
     """Traffic of a given density: a lane of vehicles, each driven by a SUMO model."""
 
-    name: Annotated[
-        FilledText, About("name; its vehicles are name_1, name_2, ... from the foremost back")
-    ]
-    lane: Annotated[Natural, About("lane; 0 is the right-hand one")]
-    begin: Annotated[
-        Formula, About("where its rear is, from the ego's centre; negative: behind the ego", "m")
-    ]
-    end: Annotated[Formula, About("where its front is, from the ego's centre", "m")]
-    density: Annotated[PositiveFormula, About("vehicles on a kilometre of the lane", "1/km")]
-    speed: Annotated[
-        PositiveFormula, About("mean speed, which each keeps while its lane is free", "m/s")
-    ]
+    name: FilledText = required("name; its vehicles are name_1, name_2, ... from the foremost back")
+    lane: Natural = required("lane; 0 is the right-hand one")
+    begin: Formula = required(
+        "where its rear is, from the ego's centre; negative: behind the ego", "m"
+    )
+    end: Formula = required("where its front is, from the ego's centre", "m")
+    density: PositiveFormula = required("vehicles on a kilometre of the lane", "1/km")
+    speed: PositiveFormula = required("mean speed, which each keeps while its lane is free", "m/s")
     speed_spread: NotNegativeFloat = setting(
         0.0, "speeds are spread evenly, up to this far from the mean", "m/s"
     )

@@ -20,7 +20,7 @@ from typing import Annotated, Any, Literal
 from annotated_types import Ge, MinLen, MultipleOf
 
 from sumo_eval.errors import InputError, check_vehicle_name, did_you_mean, must_be
-from sumo_eval.frozen import frozen
+from sumo_eval.frozen import frozen, required
 from sumo_eval.scenario import played
 from sumo_eval.scenario.bodies import BODIES
 from sumo_eval.scenario.concrete import (
@@ -54,7 +54,7 @@ from sumo_eval.scenario.played import Act, Pairs, Program
 from sumo_eval.scenario.road.reference_line import frame_places
 from sumo_eval.scenario.streams import StreamTable, sumo_model
 from sumo_eval.scenario.trigger import Step, trigger
-from sumo_eval.settings.checked import About, Checked, FilledText, PositiveOrNone, optional, setting
+from sumo_eval.settings.checked import Checked, FilledText, PositiveOrNone, optional, setting
 from sumo_eval.text import capitalised
 
 _MANOEUVRES: dict[str, tuple[tuple[str, ...], tuple[str, ...], Callable[..., Act]]] = {
@@ -85,7 +85,7 @@ _AHEAD = 0.1
 class EgoTable(Checked):
     """The vehicle under test."""
 
-    speed: Annotated[Formula, NOT_BELOW_0, About("speed at the start", "m/s")]
+    speed: Annotated[Formula, NOT_BELOW_0] = required("speed at the start", "m/s")
     x: Formula = setting(50.0, "centre along the road at the start", "m")
     y: Formula = setting(
         0.0, "its centre's distance to the left of the right lane's centre line", "m"
@@ -192,17 +192,14 @@ class EgoTable(Checked):
 class ManoeuvreTable(Checked):
     """Manoeuvre of an actor, from `begin` on."""
 
-    do: Annotated[
-        Literal[tuple(_MANOEUVRES)],  # type: ignore[valid-type]
-        About(
-            "keep_speed; brake to a standstill; change_lane smoothly in `duration`; "
-            "change_lane_cosine along half a cosine, OpenSCENARIO's sinusoidal; move_sideways at "
-            "`speed`; accelerate to `speed`; speed_profile through `speeds` at `times` or "
-            "`places`; sinus, a swing to one side and back, the next to the other side; path "
-            "through `points`, or through `lanes` at `places`; follow by a model of SUMO that "
-            "reacts, from the start on or, as the last manoeuvre, from `when` on"
-        ),
-    ]
+    do: Literal[tuple(_MANOEUVRES)] = required(  # type: ignore[valid-type]
+        "keep_speed; brake to a standstill; change_lane smoothly in `duration`; "
+        "change_lane_cosine along half a cosine, OpenSCENARIO's sinusoidal; move_sideways at "
+        "`speed`; accelerate to `speed`; speed_profile through `speeds` at `times` or "
+        "`places`; sinus, a swing to one side and back, the next to the other side; path "
+        "through `points`, or through `lanes` at `places`; follow by a model of SUMO that "
+        "reacts, from the start on or, as the last manoeuvre, from `when` on"
+    )
     name: str = setting("", "name, for `ended(vehicle, name)` in a condition")
     begin: Annotated[Formula, NOT_BELOW_0] = setting(
         0.0, "when it begins; with `when`: how long after its condition holds", "s"
@@ -377,8 +374,8 @@ class Move:
 class VehicleTable(Checked):
     """An actor: keeps its speed until one of its manoeuvres begins."""
 
-    name: Annotated[FilledText, About("name")]
-    speed: Annotated[Formula, NOT_BELOW_0, About("speed at the start", "m/s")]
+    name: FilledText = required("name")
+    speed: Annotated[Formula, NOT_BELOW_0] = required("speed at the start", "m/s")
     gap: Formula | None = optional("from the ego's front bumper to its rear at the start", "m")
     gap_behind: Formula | None = optional(
         "instead of gap: from its front bumper to the ego's rear at the start", "m"

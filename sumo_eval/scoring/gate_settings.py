@@ -14,10 +14,9 @@ from annotated_types import Ge, Le
 
 from sumo_eval.case_table import NUMBERS
 from sumo_eval.errors import InputError, unknown
-from sumo_eval.frozen import frozen
+from sumo_eval.frozen import frozen, required
 from sumo_eval.scoring.case_terms import SCORES
 from sumo_eval.settings.checked import (
-    About,
     Checked,
     InnerShare,
     Natural,
@@ -112,9 +111,9 @@ def change_of_u(setting: float | None, default: float, unit: str) -> float:
 class LimitSettings(Checked):
     """One limit: it fails when any of its bounds is passed."""
 
-    quantity: Annotated[
-        str, About("what is limited: a number of the ADS, or a column of cases.csv in every case")
-    ]
+    quantity: str = required(
+        "what is limited: a number of the ADS, or a column of cases.csv in every case"
+    )
     ads: str | None = optional("only this ADS; default: each")
     scenario: str | None = optional("only this logical scenario; default: each")
     at_least: float | None = optional("smallest value of the new run")
@@ -139,10 +138,8 @@ class LimitSettings(Checked):
 class MeasureSettings(Checked):
     """A quantity of a case, and the least change that counts as worse or better."""
 
-    quantity: Annotated[str, About("a column of cases.csv")]
-    absolute: Annotated[
-        NotNegativeFloat, About("least change that counts, in the quantity's own unit")
-    ]
+    quantity: str = required("a column of cases.csv")
+    absolute: NotNegativeFloat = required("least change that counts, in the quantity's own unit")
     share: NotNegativeFloat = setting(
         0.0, "least change that counts, as a share of the base's value"
     )

@@ -4,7 +4,8 @@ bounds.
 One file a subject; all names can be imported from here.
 """
 
-from sumo_eval.settings.checked import About, Checked, NotNegative, Positive, about
+from sumo_eval.frozen import About
+from sumo_eval.settings.checked import Checked, NotNegative, Positive, about
 from sumo_eval.settings.drivers import DriverSettings, PopulationSettings
 from sumo_eval.settings.evaluation import (
     AdsSettings,

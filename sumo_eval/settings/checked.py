@@ -33,37 +33,9 @@ from typing import (
 from annotated_types import Ge, Gt, Le, Lt, MinLen, MultipleOf
 
 from sumo_eval.errors import InputError, did_you_mean, nearest
-from sumo_eval.frozen import frozen
+from sumo_eval.frozen import About
 from sumo_eval.settings.toml_file import Place
 from sumo_eval.text import shown
-
-
-@frozen
-class About:
-    """Meaning of a setting, for the documentation, the schema and the report.
-
-    symbol, equation: those of the paper, if it has any.
-    """
-
-    text: str
-    unit: str = ""
-    symbol: str = ""
-    equation: str = ""
-
-    @property
-    def description(self) -> str:
-        """The meaning and the unit."""
-        return f"{self.text} ({self.unit})" if self.unit else self.text
-
-    @property
-    def metadata(self) -> dict[str, Any]:
-        """Of a dataclass's field: for `about`, and for pydantic's schema."""
-        return {"about": self, "description": self.description}
-
-    def __get_pydantic_json_schema__(self, core: Any, handler: Callable[[Any], Any]) -> Any:
-        """A key without a default in a JSON schema."""
-        return {**handler(core), "description": self.description}
-
 
 Default = TypeVar("Default")
 
@@ -71,7 +43,7 @@ Default = TypeVar("Default")
 def setting(
     default: Default, text: str, unit: str = "", symbol: str = "", equation: str = ""
 ) -> Default:
-    """A key with a default, and its meaning; one without names its `About` in its annotation."""
+    """A key with a default, and its meaning; one without is `frozen.required`."""
     return field(default=default, metadata=About(text, unit, symbol, equation).metadata)
 
 
@@ -105,9 +77,8 @@ def hints_of(cls: Any) -> dict[str, Any]:
 
 def about(cls: Any, name: str) -> About:
     """The `About` of a setting; an empty one if it has none."""
-    of_default = cls.__dataclass_fields__[name].metadata.get("about", About(""))
-    marks = getattr(hints_of(cls)[name], "__metadata__", ())
-    return next((mark for mark in marks if isinstance(mark, About)), of_default)
+    meaning: About = cls.__dataclass_fields__[name].metadata.get("about", About(""))
+    return meaning
 
 
 _UNIONS = (Union, UnionType)

@@ -12,9 +12,8 @@ from urllib.parse import urlencode
 from annotated_types import Ge
 
 from sumo_eval.errors import must_be
-from sumo_eval.frozen import frozen
+from sumo_eval.frozen import frozen, required
 from sumo_eval.settings.checked import (
-    About,
     Checked,
     FilledText,
     Natural,
@@ -85,16 +84,11 @@ class SamplingSettings(Checked):
 class DeclaredDistribution(Checked):
     """Declared distribution of one parameter on the road."""
 
-    distribution: Annotated[Literal["normal", "lognormal", "uniform"], About("which family")]
-    first: Annotated[
-        float, About("normal: mean; lognormal: mean of the logarithm; uniform: lowest value")
-    ]
-    second: Annotated[
-        float,
-        About(
-            "normal: standard deviation; lognormal: that of the logarithm; uniform: highest value"
-        ),
-    ]
+    distribution: Literal["normal", "lognormal", "uniform"] = required("which family")
+    first: float = required("normal: mean; lognormal: mean of the logarithm; uniform: lowest value")
+    second: float = required(
+        "normal: standard deviation; lognormal: that of the logarithm; uniform: highest value"
+    )
 
     def __post_init__(self) -> None:
         Checked.__post_init__(self)
@@ -131,13 +125,10 @@ class ExposureSettings(Checked):
 class ScenarioSettings(Checked):
     """One logical scenario of an evaluation."""
 
-    use: Annotated[
-        str,
-        About(
-            "a shipped name, a scenario file (.toml, .xosc), module:name, suite:NAME, or a "
-            "catalogue: osc_alks, ncap_2026"
-        ),
-    ]
+    use: str = required(
+        "a shipped name, a scenario file (.toml, .xosc), module:name, suite:NAME, or a "
+        "catalogue: osc_alks, ncap_2026"
+    )
     sampling: SamplingSettings = SamplingSettings()
     exposure: ExposureSettings = ExposureSettings()
     folder: str | None = optional("of a catalogue: where your copy of it is")
@@ -150,14 +141,11 @@ class ScenarioSettings(Checked):
 class AdsSettings(Checked):
     """One ADS under test."""
 
-    name: Annotated[FilledText, About("what the tables call it")]
-    controller: Annotated[
-        str,
-        About(
-            "a shipped name, module:name, file.py:name, sumo:MODEL, exec:COMMAND, traci:COMMAND, "
-            "fmu:FILE or onnx:FILE"
-        ),
-    ]
+    name: FilledText = required("what the tables call it")
+    controller: str = required(
+        "a shipped name, module:name, file.py:name, sumo:MODEL, exec:COMMAND, traci:COMMAND, "
+        "fmu:FILE or onnx:FILE"
+    )
     fmu: FmuSettings | None = optional("variables of the FMU, where the controller is one")
 
     period: PositiveOrNone = optional(
@@ -209,8 +197,8 @@ class AdsSettings(Checked):
 class EvaluationSettings(Checked):
     """Everything an evaluation depends on: the content of evaluation.toml, defaults filled in."""
 
-    name: Annotated[FilledText, About("name of the evaluation")]
-    scenario: Annotated[tuple[ScenarioSettings, ...], About("logical scenarios")]
+    name: FilledText = required("name of the evaluation")
+    scenario: tuple[ScenarioSettings, ...] = required("logical scenarios")
     ads: tuple[AdsSettings, ...] = setting((), "ADSs under test; none where `--ads` names them")
     seed: Natural = setting(1, "the only source of randomness")
     drivers: DriverSettings = DriverSettings()

@@ -22,7 +22,7 @@ import itertools
 import math
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -30,11 +30,11 @@ from sumo_eval.errors import InputError, check_known, must_be
 from sumo_eval.extras.openscenario.reading import Node, read_openscenario
 from sumo_eval.extras.openscenario.space import axes_of, range_of
 from sumo_eval.extras.openscenario.values import Value, number_of, plain
-from sumo_eval.frozen import frozen
+from sumo_eval.frozen import frozen, required
 from sumo_eval.scenario.expression import Expression, checked_names, number
 from sumo_eval.scenario.logical import LogicalScenario
 from sumo_eval.scenario.sampling.request import MAX_POINTS, Drawn, Request
-from sumo_eval.settings import About, Checked
+from sumo_eval.settings import Checked
 from sumo_eval.settings.checked import empty_table
 from sumo_eval.settings.config import read_checked
 from sumo_eval.settings.random_streams import random_stream
@@ -49,8 +49,8 @@ _ATTEMPTS = 1000  # times that all draws are drawn to find enough within the Ran
 class MappingTable(Checked):
     """A mapping file as it is written."""
 
-    distribution: Annotated[str, About("the .xosc of the variation, relative to this file")]
-    parameters: Annotated[dict[str, str | float], About("our parameter = expression of theirs")]
+    distribution: str = required("the .xosc of the variation, relative to this file")
+    parameters: dict[str, str | float] = required("our parameter = expression of theirs")
     only: dict[str, str | float | bool] = empty_table(
         "their parameter = its only value that is kept"
     )

@@ -35,14 +35,13 @@ from sumo_eval.extras.rates.importance import (
 )
 from sumo_eval.extras.rates.intervals import LEVEL, Limits, rate_interval
 from sumo_eval.extras.studies.trials import Trials
-from sumo_eval.frozen import frozen
+from sumo_eval.frozen import frozen, required
 from sumo_eval.method.collision_avoidance import collision_loss, impact_severity
 from sumo_eval.record.store import Fact
 from sumo_eval.scenario.logical import LogicalScenario, Occurrence
 from sumo_eval.scenario.resolved import find_with, refuse_doubles
 from sumo_eval.settings import AdsSettings, RunSettings, SimulationSettings
 from sumo_eval.settings.checked import (
-    About,
     Checked,
     FilledText,
     Natural,
@@ -64,7 +63,7 @@ DRAWS = 4000  # of each rate: intervals of sums come from summed draws
 class CampaignScenario(Checked):
     """A [[scenario]] of the campaign file."""
 
-    use: Annotated[str, About("a scenario file or a shipped name")]
+    use: str = required("a scenario file or a shipped name")
     per_km: PositiveOrNone = optional("how often it occurs; default: [met] of its file", "1/km")
 
 
@@ -72,9 +71,9 @@ class CampaignScenario(Checked):
 class CampaignSettings(Checked):
     """A campaign file."""
 
-    name: Annotated[FilledText, About("name")]
-    scenario: Annotated[tuple[CampaignScenario, ...], About("where the ADSs drive")]
-    ads: Annotated[tuple[AdsSettings, ...], About("the ADSs, and drivers to compare with them")]
+    name: FilledText = required("name")
+    scenario: tuple[CampaignScenario, ...] = required("where the ADSs drive")
+    ads: tuple[AdsSettings, ...] = required("the ADSs, and drivers to compare with them")
     seed: Natural = setting(1, "source of randomness")
     budget: Annotated[int, Ge(BUDGET[0]), Le(BUDGET[1])] = setting(
         400, "drives of an ADS in a scenario, at most"

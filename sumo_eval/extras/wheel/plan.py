@@ -13,13 +13,12 @@ from annotated_types import Le
 
 from sumo_eval.errors import InputError, check_known, must_be
 from sumo_eval.extras.wheel.quality import QualitySettings
-from sumo_eval.frozen import frozen
+from sumo_eval.frozen import frozen, required
 from sumo_eval.groups import grouped
 from sumo_eval.record.run_folder import FACTS, resolved_run
 from sumo_eval.record.store import Fact, open_store
 from sumo_eval.scenario.concrete import ConcreteScenario
 from sumo_eval.settings.checked import (
-    About,
     Checked,
     FilledText,
     Natural,
@@ -52,8 +51,8 @@ class PracticeSettings(Checked):
 class QuestionSettings(Checked):
     """A question on a scale of 1 to 10."""
 
-    key: Annotated[FilledText, About("its column in answers.csv")]
-    text: Annotated[FilledText, About("what is asked")]
+    key: FilledText = required("its column in answers.csv")
+    text: FilledText = required("what is asked")
     after: Literal["drive", "replay"] = setting(
         "drive", "asked after one's own drive, or after a replay"
     )
@@ -65,9 +64,9 @@ class QuestionSettings(Checked):
 class StudySettings(Checked):
     """A study: participants drive concrete scenarios of a run and rate how its ADSs drive there."""
 
-    name: Annotated[FilledText, About("name of the study, shown to the team only")]
-    run: Annotated[FilledText, About("folder of the run, relative to this file")]
-    consent: Annotated[FilledText, About("text that a participant agrees to, by the team")]
+    name: FilledText = required("name of the study, shown to the team only")
+    run: FilledText = required("folder of the run, relative to this file")
+    consent: FilledText = required("text that a participant agrees to, by the team")
     seed: Natural = setting(1, "source of randomness: which replays are shown, and their order")
     out: str = setting(
         "", "folder of the study, relative to this file; empty: next to it, under its name"

@@ -13,16 +13,16 @@ Users: `cosim/openscenario.py`, `cosim/step_rules.py`, `scenario/concrete.py`,
 
 from collections.abc import Sequence
 from math import inf
-from typing import Annotated, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from sumo_eval.errors import InputError, must_be
-from sumo_eval.frozen import frozen
+from sumo_eval.frozen import frozen, required
 from sumo_eval.kernels import kernel
 from sumo_eval.scenario.road.reference_line import Line, curvatures
-from sumo_eval.settings.checked import About, Checked, PositiveFloat, optional, setting
+from sumo_eval.settings.checked import Checked, PositiveFloat, optional, setting
 from sumo_eval.text import capitalised
 from sumo_eval.trajectory import FloatArray
 
@@ -75,7 +75,7 @@ EVERYWHERE = LaneSpan(-1)
 class LaneTable(Checked):
     """A lane that is not there throughout: the outermost one of its side."""
 
-    lane: Annotated[int, About("its number; 0: the right-hand one")]
+    lane: int = required("its number; 0: the right-hand one")
     begin: float | None = optional(
         "from there on it has its full width; default: from the road's start", "m"
     )
@@ -95,7 +95,7 @@ class LaneTable(Checked):
 class CrossingTable(Checked):
     """A straight road that crosses this one at a right angle, on which others may start."""
 
-    x: Annotated[PositiveFloat, About("its middle along this road", "m")]
+    x: PositiveFloat = required("its middle along this road", "m")
     width: PositiveFloat = setting(7.0, "its width", "m")
     reach: PositiveFloat = setting(
         100.0, "how far it goes to both sides of the right lane's centre line", "m"

@@ -7,10 +7,9 @@ Users: `extras/openscenario/logical.py`, `extras/openscenario/written.py`, `reco
 
 import math
 from collections.abc import Mapping, Sequence
-from typing import Annotated
 
 from sumo_eval.errors import InputError, must_be
-from sumo_eval.frozen import frozen
+from sumo_eval.frozen import frozen, required
 from sumo_eval.input_file import sha256
 from sumo_eval.scenario.expression import checked_names, number
 from sumo_eval.scenario.road.reference_line import (
@@ -22,7 +21,7 @@ from sumo_eval.scenario.road.reference_line import (
     tightest,
 )
 from sumo_eval.settings import VehicleSettings
-from sumo_eval.settings.checked import About, Checked, PositiveFloat, optional
+from sumo_eval.settings.checked import Checked, PositiveFloat, optional
 from sumo_eval.text import capitalised
 
 _LEAST_EDGE = 1.0  # m from the centre of a curve to the road's inner edge, at least
@@ -34,7 +33,7 @@ class PieceTable(Checked):
     two radii.
     """
 
-    length: Annotated[PositiveFloat, About("length of the piece", "m")]
+    length: PositiveFloat = required("length of the piece", "m")
     radius: str | float | None = optional(
         "of an arc, positive to the left; a number or an expression of the options", "m"
     )
