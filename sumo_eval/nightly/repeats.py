@@ -16,7 +16,8 @@ from sumo_eval.cases import CaseResult
 from sumo_eval.evaluation import score
 from sumo_eval.nightly.history import ShakyCase
 from sumo_eval.record.cases import Case
-from sumo_eval.record.facts import drive_again, record_facts, space_of
+from sumo_eval.record.engines import run_cases
+from sumo_eval.record.facts import record_facts, space_of
 from sumo_eval.record.progress import Progress
 from sumo_eval.record.recording import Planner, planner
 from sumo_eval.record.run_folder import FACTS
@@ -58,8 +59,8 @@ def repeats_of(
     alone = replace(plan.setup, run=replace(plan.setup.run, cases_per_pack=1))
     alike: dict[str, list[bool]] = {ads.name: [] for ads in evaluation.settings.ads}
     with open_store(evaluation.folder / FACTS) as store:
-        for number, (case, difference) in enumerate(drive_again(sample, alone, store), 1):
-            alike[case.driver].append(not difference)
+        for number, outcome in enumerate(run_cases(sample, alone), 1):
+            alike[outcome.case.driver].append(not store.difference(outcome))
             progress("driving some cases twice", number, len(sample))
 
     noisy = {ads for ads, equal in alike.items() if not all(equal)}

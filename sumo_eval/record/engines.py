@@ -1,8 +1,7 @@
 """Engines: drive cases in this process, in child processes or on a cluster.
 
-Users: `extras/studies/qualification/table.py`, `extras/studies/trials.py`, `record/apart.py`,
-`record/cluster.py`, `record/estimate.py`, `record/facts.py`, `record/recording.py`,
-`whatif/search.py`.
+Users: `extras/studies/qualification/table.py`, `extras/studies/trials.py`, `nightly/repeats.py`,
+`record/`, `whatif/search.py`.
 """
 
 import os

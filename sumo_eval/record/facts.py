@@ -26,7 +26,7 @@ from sumo_eval.frozen import frozen
 from sumo_eval.method.point_criticality import exactly_hazardous
 from sumo_eval.method.severity import severity_of
 from sumo_eval.record import loops, run_folder
-from sumo_eval.record.cases import Case, Setup
+from sumo_eval.record.cases import Case
 from sumo_eval.record.engines import refuse_engine, run_cases
 from sumo_eval.record.given import entry_of
 from sumo_eval.record.only import narrowed, points_only
@@ -426,9 +426,9 @@ def verify(
         held = [case for case in chosen if store.holds(case)]
         why = "it depends on what has changed since: ADS, scenario, simulator or this package"
         differences = [(case.key, why) for case in chosen if not store.holds(case)]
-        for done, (case, difference) in enumerate(drive_again(held, plan.setup, store), 1):
-            if difference:
-                differences.append((case.key, f"it is not the same again: {difference}"))
+        for done, outcome in enumerate(run_cases(held, plan.setup), 1):
+            if difference := store.difference(outcome):
+                differences.append((outcome.case.key, f"it is not the same again: {difference}"))
             progress("drives simulated again", done, len(held), len(differences))
     return len(chosen), differences
 
@@ -443,21 +443,6 @@ def _draw(run: Resolved, plan: Planner, share: float) -> list[Case]:
             picked = stream.permutation(len(cases))[: math.ceil(share * len(cases))]
             drawn += [cases[index] for index in sorted(picked)]
     return drawn
-
-
-def drive_again(cases: Sequence[Case], setup: Setup, store: Store) -> Iterator[tuple[Case, str]]:
-    """Each case, simulated once more, and the difference of this drive from the recorded drive:
-    empty where both are the same.
-    """
-    with open_store(Path(":memory:"), create=True) as repeats:
-        for outcome in run_cases(cases, setup):
-            key = outcome.case.key
-            # trajectories are compared unless they were deleted
-            whole = not store.is_discarded(key)
-            repeats.add(outcome)
-            same = repeats.drive(key, whole=whole) == store.drive(key, whole=whole)
-            yield outcome.case, "" if same else store.difference(key, repeats)
-            repeats.remove([key])
 
 
 def _spaces(run: Resolved, progress: Progress = quiet, looked_at: int | None = None) -> list[Space]:

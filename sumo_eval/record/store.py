@@ -95,6 +95,8 @@ OR typeof(latency_p99) NOT IN ('real', 'null')
 OR typeof(latency_reference) NOT IN ('real', 'null') ORDER BY 1
 """
 Row = Sequence[Any]  # one value a column
+_HAPPENED = "status", "end_reason", "error", "simulated_time", "collision", "clips"
+"""Columns of `facts` that are equal for equal drives, whatever drove them."""
 _ALL_FACTS = 'SELECT * FROM facts ORDER BY "case"'
 _ALL_DRIVES = 'SELECT "case", vehicle, data FROM trajectories ORDER BY "case", vehicle'
 _DRIVES = 'SELECT vehicle, data FROM trajectories WHERE "case" = ? ORDER BY vehicle'
@@ -482,13 +484,24 @@ class Store:
                 f"{self.path} cannot be written: {error}. Earlier results are kept."
             ) from error
 
-    def difference(self, case: str, other: Store) -> str:
-        """Differences of a case from the same case in another store, in words."""
-        query = 'SELECT * FROM facts WHERE "case" = ?'
+    def difference(self, outcome: Outcome) -> str:
+        """Differences of a drive from the recorded drive of its case, in words; "" if both are the
+        same. Trajectories that were discarded are not compared.
+        """
+        case = outcome.case.key
+        self._check_one(case)
+        (now,), *_, drives = _rows(outcome)
+        before = self._first('SELECT * FROM facts WHERE "case" = ?', case)
         names = [name for _, name, *_ in self._read("PRAGMA table_info(facts)")]
-        columns = zip(names, self._first(query, case), other._first(query, case), strict=True)
-        words = [f"{name}: {was!r}, now {now!r}" for name, was, now in columns if was != now]
-        return "; ".join(words) or "a trajectory differs"
+        words = [
+            f"{name}: {was!r}, now {value!r}"
+            for name, was, value in zip(names, before, now, strict=True)
+            if was != value and name in _HAPPENED
+        ]
+        recorded = [(case, *drive) for drive in self._read(_DRIVES, (case,))]
+        if not words and recorded != drives and not self.is_discarded(case):
+            words = ["a trajectory differs"]
+        return "; ".join(words)
 
     def note(self, name: str, value: str) -> None:
         """Keep a note about the run as a whole, e.g. that it is complete."""
@@ -644,8 +657,7 @@ class Store:
         """
         self._check_one(case)
         row = self._first(
-            "SELECT status, end_reason, error, simulated_time, collision, clips FROM facts WHERE "
-            '"case" = ?',
+            f'SELECT {", ".join(_HAPPENED)} FROM facts WHERE "case" = ?',  # noqa: S608
             case,
         )
         if row is None:
@@ -683,7 +695,7 @@ def open_store(
     """
     store = Store(path, create=create)
     try:
-        state = _state(path) if path.is_file() and not checked else None  # no file: in memory
+        state = None if checked else _state(path)
         if state and (state not in _checked or _is_written(path)):
             store.unchecked = not (whole or create) and _vouched(path) == state[1:]
             if not store.unchecked:
