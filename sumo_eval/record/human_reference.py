@@ -13,9 +13,8 @@ Users: `evaluation.py`, `scoring/confidence/drivers.py`, `scoring/drive_beside.p
 `scoring/likeness.py`, `scoring/steps.py`.
 """
 
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
-from dataclasses import replace
 from functools import cache
 from pathlib import Path
 from statistics import fmean
@@ -44,6 +43,11 @@ _KEPT_AT_ONCE = 32  # new results that are written together, and lost if scoring
 _WORTH_PROCESSES = 160  # human drives; results of fewer are computed before processes have started
 
 
+Name = tuple[Kind, str | tuple[str, ...]]
+"""Name of a result: its kind and owner. D_i (`index`) and D_i without drivers (`left_out`) belong
+to a case, a `band` to the drivers' cases at a point."""
+
+
 @frozen
 class PointJob:
     """Requested results at one point.
@@ -64,9 +68,11 @@ class PointJob:
     exchanges: tuple[tuple[int, int], ...] = ()
 
     @property
-    def wants_any(self) -> bool:
-        """Whether any result is requested."""
-        return bool(self.ads or self.left_out or self.band)
+    def names(self) -> list[Name]:
+        """Names of the requested results."""
+        of_cases: list[Name] = [("index", case) for case in self.ads]
+        of_cases += [("left_out", case) for case in self.left_out]
+        return [*of_cases, ("band", self.drivers)] if self.band else of_cases
 
 
 @frozen
@@ -123,11 +129,6 @@ _RECORDS = {
 """Classes of the records that are kept, by name, for `decoded`."""
 
 
-_Name = tuple[Kind, str | tuple[str, ...]]
-"""Name of a result: its kind and owner. D_i (`index`) and D_i without drivers (`left_out`) belong
-to a case, a `band` to the drivers' cases at a point."""
-
-
 @contextmanager
 def point_processes(store: Store, workers: int) -> Iterator[Spread]:
     """Function that spreads the points of a run over processes, for `compute_points`, or computes
@@ -165,10 +166,11 @@ def compute_points(
     """
     keys = _keys(facts, jobs, settings)
     # results in their kept form, by name; `name[0]` is the kind of result
-    results: dict[_Name, bytes] = {
+    results: dict[Name, bytes] = {
         name: data for name, key in keys.items() if (data := cache.get(name[0], key)) is not None
     }
-    missing = [job for job in (_missing(job, results) for job in jobs) if job.wants_any]
+    wanted = [(job, [name for name in job.names if name not in results]) for job in jobs]
+    missing = [(job, names) for job, names in wanted if names]
     parts = [
         (facts, missing[first : first + _CHUNK], settings)
         for first in range(0, len(missing), _CHUNK)
@@ -189,7 +191,7 @@ def compute_points(
     return _decoded(results)
 
 
-def _decoded(results: Mapping[_Name, bytes]) -> PointResults:
+def _decoded(results: Mapping[Name, bytes]) -> PointResults:
     """Results from their kept form. New results are decoded like kept ones, so that both are equal
     to the bit.
     """
@@ -204,72 +206,69 @@ def _decoded(results: Mapping[_Name, bytes]) -> PointResults:
 
 def _keys(
     facts: Path, jobs: Sequence[PointJob], settings: AnthropomorphicSettings
-) -> dict[_Name, bytes]:
-    keys: dict[_Name, bytes] = {}
+) -> dict[Name, bytes]:
+    keys: dict[Name, bytes] = {}
     with open_store(facts) as store:
         hash_of = cache(store.case_hash)
         for job in jobs:
             common = key_of(
                 job.road, settings, list(map(hash_of, job.drivers)), sources("method", "record")
             )
-            for case in job.ads:
-                keys["index", case] = key_of(common, hash_of(case), "index")
-            for case in job.left_out:
-                keys["left_out", case] = key_of(common, hash_of(case), "left out", job.exchanges)
-            if job.band:
-                keys["band", job.drivers] = key_of(common, "band")
+            for kind, owner in job.names:
+                own = hash_of(owner) if isinstance(owner, str) else b""
+                exchanges = job.exchanges if kind == "left_out" else ()
+                keys[kind, owner] = key_of(common, kind, own, exchanges)
     return keys
-
-
-def _missing(job: PointJob, kept: Collection[_Name]) -> PointJob:
-    """The job without the results that are kept."""
-    ads = tuple(case for case in job.ads if ("index", case) not in kept)
-    left_out = tuple(case for case in job.left_out if ("left_out", case) not in kept)
-    band = job.band and ("band", job.drivers) not in kept
-    return replace(job, ads=ads, left_out=left_out, band=band)
 
 
 # --- computing ------------------------------------------------------------------------------------
 
 
 def _compute_part(
-    part: tuple[Path, Sequence[PointJob], AnthropomorphicSettings],
-) -> dict[_Name, bytes]:
+    part: tuple[Path, Sequence[tuple[PointJob, Sequence[Name]]], AnthropomorphicSettings],
+) -> dict[Name, bytes]:
+    """Some of the results of some jobs, encoded: those with the names beside each job."""
     facts, jobs, settings = part
     with open_store(facts, checked=True) as store:  # `_keys` has checked the file
         return {
-            name: encoded(record) for job in jobs for name, record in _compute(job, store, settings)
+            name: encoded(record)
+            for job, names in jobs
+            for name, record in _compute(job, names, store, settings)
         }
 
 
 def _compute(
-    job: PointJob, store: Store, settings: AnthropomorphicSettings
-) -> Iterator[tuple[_Name, object]]:
-    cases = list(dict.fromkeys((*job.drivers, *job.ads, *job.left_out)))
+    job: PointJob, names: Sequence[Name], store: Store, settings: AnthropomorphicSettings
+) -> Iterator[tuple[Name, object]]:
+    """Each of the names with its result."""
+    owners = [owner for _, owner in names if isinstance(owner, str)]
+    cases = list(dict.fromkeys((*job.drivers, *owners)))
     place = {case: number for number, case in enumerate(cases)}
     drivers = tuple(place[case] for case in job.drivers)
-    sets = _left_out(drivers, job.exchanges)
-    spacing = _coarse(settings)
-    # Each ADS is a group of its own, so that its result is the same to the last bit whatever else
-    # is compared. `indexes` gives the result of each group in the order of `groups`: the ADSs, the
-    # band (empty unless it is requested), the ADSs with drivers left out.
-    groups = [
-        *([Pairing(place[it], drivers, settings.slice_spacing, likeness=True)] for it in job.ads),
-        band_pairings(drivers, settings) if job.band else [],
-        *([Pairing(place[it], own, spacing, likeness=True) for own in sets] for it in job.left_out),
-    ]
+
+    def pairings(kind: Kind, owner: Any) -> list[Pairing]:
+        """The comparisons behind a result."""
+        if kind == "band":
+            return band_pairings(drivers, settings)
+        if kind == "index":
+            return [Pairing(place[owner], drivers, settings.slice_spacing, likeness=True)]
+        sets = _left_out(drivers, job.exchanges)
+        return [Pairing(place[owner], own, _coarse(settings), likeness=True) for own in sets]
+
+    # Each result is a group of its own, so that it is the same to the last bit whatever else is
+    # computed.
     trajectories = [store.trajectory(case) for case in cases]
-    indexes = iter(indexes_by_group(trajectories, groups, job.road, settings))
-    for case in job.ads:
-        (index,) = next(indexes)
-        yield ("index", case), index
-    band = next(indexes)
-    if job.band:
-        yield ("band", job.drivers), tuple(index.value for index in band)
-    for case, group in zip(job.left_out, indexes, strict=True):
-        likeness = [it.likeness.value for it in group if it.likeness]
-        both = [it.value for it in group], likeness
-        yield ("left_out", case), LeftOut(*(Varied.of(it, len(drivers)) for it in both))
+    groups = [pairings(*name) for name in names]
+    indexes = indexes_by_group(trajectories, groups, job.road, settings)
+    for name, group in zip(names, indexes, strict=True):
+        values = tuple(index.value for index in group)
+        if name[0] == "index":
+            yield name, group[0]
+        elif name[0] == "band":
+            yield name, values
+        else:
+            likeness = [index.likeness.value for index in group if index.likeness]
+            yield name, LeftOut(*(Varied.of(it, len(drivers)) for it in (values, likeness)))
 
 
 def band_pairings(drivers: Sequence[int], settings: AnthropomorphicSettings) -> list[Pairing]:

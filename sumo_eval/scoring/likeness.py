@@ -277,15 +277,16 @@ def compare_with_people(
         reference, own = compared[point], cases.get(point, [])
         left_out = [fact.case for fact in own if point in overview.left_out[fact.driver]]
         drivers_of |= dict.fromkeys(left_out, reference.drivers)
-        job = PointJob(
-            reference.cases,
-            space.logical.road,
-            tuple(fact.case for fact in own),
-            tuple(left_out),
-            len(reference.cases) >= FEWEST_FOR_A_BAND,
-            exchanges(reference.drivers, settings.drivers, settings.seed),
+        jobs.append(
+            PointJob(
+                reference.cases,
+                space.logical.road,
+                tuple(fact.case for fact in own),
+                tuple(left_out),
+                len(reference.cases) >= FEWEST_FOR_A_BAND,
+                exchanges(reference.drivers, settings.drivers, settings.seed),
+            )
         )
-        jobs += [job] if job.wants_any else []
 
     def progress(done: int) -> None:
         """Report a number of finished jobs as a number of finished points."""
