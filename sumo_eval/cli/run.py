@@ -102,7 +102,6 @@ def run(
         from sumo_eval.evaluation import discard_trajectories, record_rounds
         from sumo_eval.record.estimate import estimate
         from sumo_eval.record.facts import parse_shard, resolve
-        from sumo_eval.record.run_folder import refuse_foreign
         from sumo_eval.scenario.resolved import WHOLE
 
     part = WHOLE if shard is None else parse_shard(shard)
@@ -119,14 +118,6 @@ def run(
     if dry_run:
         tell(str(estimate(resolved, out if resume else None)))
         sys.exit(DONE)
-    # further refusals come before anything that takes time
-    if out is not None:
-        refuse_foreign(folder, resume)
-    if resolved.settings.run.engine == "dask":
-        from sumo_eval.record.cluster import refuse_without
-
-        refuse_without(resolved.settings.run.scheduler)
-
     with Progress() as progress, stop_on_signal() as stopping:
         recorded = record_rounds(
             resolved, folder, resume=resume, progress=progress, stopping=stopping

@@ -1,7 +1,7 @@
 """The engine `dask`: batches of cases on an existing Dask cluster (extra `cluster`). Each worker of
 the cluster drives its batches in child processes, as the engine `processes` does.
 
-Users: `cli/run.py`.
+Users: `record/engines.py`, by locators.
 """
 
 import logging
@@ -140,9 +140,7 @@ def _fault(future: Any) -> str | None:
 
 
 def refuse_without(address: str) -> None:
-    """Raise InputError if no scheduler is named or Dask is missing. `sumo-eval run` calls it before
-    anything is compiled.
-    """
+    """Raise InputError if no scheduler is named or Dask is missing."""
     if not address:
         raise InputError(
             "The engine `dask` needs the address of a scheduler: --scheduler tcp://HOST:8786."
@@ -152,7 +150,6 @@ def refuse_without(address: str) -> None:
 
 
 def _connect(address: str) -> Any:
-    refuse_without(address)
     from distributed import Client
 
     try:

@@ -29,8 +29,8 @@ from sumo_eval.trajectory import Alone, AloneReason
 LATE: AloneReason = "late"
 # a case that timed out is rerun if no processor worked on it in more than this share of its time
 IDLE = 0.2
-# as a locator: `record/cluster.py` imports this file
-_CLUSTER = "sumo_eval.record.cluster:run_on_cluster"
+# begins locators of its functions: `record/cluster.py` imports this file
+_CLUSTER = "sumo_eval.record.cluster:"
 
 Outcomes = Generator[list[Outcome], None, None]
 """Lists of outcomes: each list has the cases that ended together, or none. A case of TraCI code
@@ -63,13 +63,19 @@ def run_batches(cases: Iterable[Case], setup: Setup, stopping: Stopping = never)
     if setup.run.engine == "serial":
         return _run_here(cases, setup, stopping)
     if setup.run.engine == "dask":
-        outcomes: Outcomes = load_object(_CLUSTER, None, "Engine")(cases, setup, stopping)
+        outcomes: Outcomes = load_object(f"{_CLUSTER}run_on_cluster", None, "Engine")(
+            cases, setup, stopping
+        )
         return outcomes
     return run_in_children(cases, setup, stopping, setup.run.workers)
 
 
 def refuse_engine(run: RunSettings) -> None:
-    """Refuse the engine `processes` on a system that cannot fork: Windows."""
+    """Refuse the engine `processes` on a system that cannot fork (Windows), and `dask` without a
+    scheduler or without Dask.
+    """
+    if run.engine == "dask":
+        load_object(f"{_CLUSTER}refuse_without", None, "Engine")(run.scheduler)
     if run.engine == "processes" and not hasattr(os, "fork"):
         raise InputError(
             "The engine `processes` needs a system whose processes can fork, such as Linux; this "

@@ -199,6 +199,7 @@ def record_facts(
             )
     severity_of(settings.method.collision, source)
     refuse_engine(settings.run)
+    run_folder.refuse_foreign(folder, resume)
     if settings.run.qualification and not run_folder.is_run(folder):
         read_qualification(settings.run.qualification, source)
     plan, spaces = planned(run, progress)
