@@ -14,7 +14,6 @@ Users: `cli/tools.py`, `extras/studies/trials.py`, `extras/wheel/command.py`, `r
 
 import contextlib
 import functools
-import itertools
 import os
 from collections.abc import Callable, Iterable
 from pathlib import Path
@@ -202,11 +201,10 @@ def ready(wanted: Iterable[str], progress: Progress = quiet) -> None:
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
     # The time of all pieces in order is cut into equal shares, one for each process; a piece
     # belongs to the share in which the middle of its own time lies.
-    shares: list[list[str]] = [[] for _ in range(min(cores or 1, _MOST, len(missing)))]
-    ends = list(itertools.accumulate(_SECONDS.get(piece, 1) for piece in missing))
-    for piece, end in zip(missing, ends, strict=True):
-        middle = end - 0.5 * _SECONDS.get(piece, 1)
-        shares[int(middle / ends[-1] * len(shares))].append(piece)
+    seconds = np.array([_SECONDS.get(piece, 1) for piece in missing])
+    middles = (seconds.cumsum() - 0.5 * seconds) / seconds.sum()
+    numbers = (min(cores or 1, _MOST, len(missing)) * middles).astype(int).tolist()
+    shares = grouped(zip(numbers, missing, strict=True)).values()
     stage = "compiling, once on this machine"
     progress(stage, 0, len(missing))
     # Ctrl-C ends them without a traceback
