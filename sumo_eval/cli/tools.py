@@ -280,14 +280,8 @@ def _planned_parts(settings: EvaluationSettings, source: Path) -> Iterator[Part]
         drivers=DriverSettings(),
         simulation=replace(settings.simulation, plant=None),
     )
-    # One call loads all ADSs, in several processes. If it fails, each ADS is checked alone, so that
-    # a line names the faulty one.
-    all_load = False
-    with suppress(InputError):
-        all_load = bool(_planned(replace(bare, ads=settings.ads), source, "all"))
     for ads in settings.ads:
-        alone = replace(bare, ads=() if all_load else (ads,))
-        yield f"ADS {ads.name}", _planned, alone, source, ads.controller
+        yield f"ADS {ads.name}", _planned, replace(bare, ads=(ads,)), source, ads.controller
     vehicle = "the single-track model" if plant is None else plant.file
     modelled = replace(bare, simulation=settings.simulation)
     yield "vehicle model", _planned, modelled, source, vehicle
