@@ -195,12 +195,13 @@ class Mistake(NamedTuple):
         return f"{self.begin}{subject}{self.end}"
 
 
-def _wrong(place: Place, demand: str, value: object, choices: Sequence[str] = ()) -> Mistake:
+def _wrong(place: Place, demand: str, value: object, choices: Sequence[object] = ()) -> Mistake:
     """The mistake of a value that does not meet a demand.
 
-    choices: accepted texts; the message offers the one that is most similar to the value.
+    choices: accepted values; the message offers the text that is most similar to the value.
     """
-    near = nearest(value, choices) if isinstance(value, str) else None
+    texts = [choice for choice in choices if isinstance(choice, str)]
+    near = nearest(value, texts) if isinstance(value, str) else None
     hint = "" if near is None else f" Did you mean `{near}`?"
     return Mistake(place, f" must be {demand}, got {shown(value)}.{hint}", demand=demand)
 

@@ -4,8 +4,9 @@ import itertools
 from collections import Counter
 
 import pytest
+from refusals import refusal
 
-from sumo_eval.extras.wheel.plan import balanced_orders
+from sumo_eval.extras.wheel.plan import balanced_orders, read_study
 from sumo_eval.extras.wheel.study import Participant
 from sumo_eval.extras.wheel.tape import json_lines
 
@@ -28,3 +29,9 @@ def test_a_journal_continues_after_a_line_that_was_cut_off(tmp_path):
     journal.write_bytes(journal.read_bytes() + b'{"step": "con')
     person.finish("consent", agrees=True)
     assert [entry["step"] for entry in json_lines(journal, "journal")] == ["begun", "consent"]
+
+
+def test_a_text_for_the_rate_is_refused(tmp_path):
+    (tmp_path / "study.toml").write_text('name = "x"\nrun = "r"\nrate = "50"\n')
+    with refusal(r"`rate` in .* \(line 3\) must be one of 20, 50, 100, got '50'"):
+        read_study(tmp_path / "study.toml")
