@@ -254,8 +254,8 @@ def _unmet(value: Any, rule: _Rule) -> str:
     number = rule.kind in (Real, Integral)
     if not isinstance(value, rule.kind) or (number and isinstance(value, bool)):
         return rule.kind_words
-    if isinstance(value, float) and not math.isfinite(value):
-        return "a finite number" if math.isinf(value) else "a number"
+    if (isinstance(value, float) or rule.kind is Real) and not _is_finite(value):
+        return "a finite number" if value == value else "a number"
     for holds, words, limit in rule.bounds:
         if not holds(value, limit):
             return words.format(limit)
@@ -263,6 +263,14 @@ def _unmet(value: Any, rule: _Rule) -> str:
     if rule.form is tuple and len(rule.inner) not in (1, len(value)):
         return f"a list of {len(rule.inner)}"
     return ""
+
+
+def _is_finite(number: Any) -> bool:
+    """Whether a number is finite, also as a float."""
+    try:
+        return math.isfinite(number)
+    except OverflowError:  # a whole number beyond all floats
+        return False
 
 
 def _fitted_to_any(

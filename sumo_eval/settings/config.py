@@ -17,7 +17,7 @@ from typing import Any, TypeVar
 
 import tomli_w
 
-from sumo_eval.errors import InputError, check_known, did_you_mean
+from sumo_eval.errors import InputError, check_known, did_you_mean, said
 from sumo_eval.input_file import read_input_text
 from sumo_eval.settings import Checked, EvaluationSettings, ScenarioSettings
 from sumo_eval.settings.checked import Mistake, read_table
@@ -123,8 +123,13 @@ def validated(content: Mapping[str, Any], kind: type[Settings], where: str | Pat
 
     Raises InputError that names every mistake, a line each.
     """
-    # as JSON has it: dates and paths become texts, and tuples lists
-    plain = json.loads(json.dumps(content, default=_json_form))
+    try:  # as JSON has it: dates and paths become texts, and tuples lists
+        text = json.dumps(content, default=_json_form, ensure_ascii=False)
+        plain = json.loads(text.encode())  # fails for half of a surrogate pair
+    except (TypeError, ValueError, RecursionError) as error:
+        raise InputError(
+            f"Keys and values in {where} must be texts, numbers, lists and tables: {said(error)}."
+        ) from None
     mistakes: list[Mistake] = []
     settings: Settings = read_table(plain, kind, (), mistakes)
     if not mistakes:

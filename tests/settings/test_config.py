@@ -170,3 +170,29 @@ def test_a_folder_in_place_of_the_file_gets_advice(tmp_path):
 def test_a_number_in_place_of_tables_is_refused_in_our_words():
     with refusal("`scenario` in it must be a list, got 5"):
         settings_from({"name": "x", "scenario": 5}, "it")
+
+
+def test_a_whole_number_beyond_all_floats_is_refused():
+    ads = {"name": "a", "controller": "idm", "period": 10**400}
+    with refusal(r"`ads\[0\]\.period` in it must be a finite number, got 1000"):
+        settings_from({"name": "x", "scenario": [{"use": "cut_in"}], "ads": [ads]}, "it")
+
+
+def _in_itself():
+    table = {}
+    table["run"] = table
+    return table
+
+
+@pytest.mark.parametrize(
+    "content, why",
+    [
+        ({"name": "\ud800"}, "surrogates not allowed"),
+        ({("a", "b"): 1}, "keys must be str"),
+        (_in_itself(), "Circular reference"),
+    ],
+    ids=["half a pair", "a key of two texts", "in itself"],
+)
+def test_what_json_cannot_hold_is_refused(content, why):
+    with refusal(f"Keys and values in it must be texts, numbers, lists and tables: .*{why}"):
+        settings_from(content, "it")
