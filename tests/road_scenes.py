@@ -9,16 +9,19 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
+import pytest
 
 from sumo_eval.cosim import Briefing, simulate, simulate_many
+from sumo_eval.cosim.doors.traci_program import sumo_binary
 from sumo_eval.cosim.vehicle_model import LIMITED, EgoState, move
+from sumo_eval.errors import InputError
 from sumo_eval.method.collision_avoidance import impact_severity
 from sumo_eval.method.criticality import max_inverse_ttc
 from sumo_eval.scenario import Actor, ConcreteScenario, Road, Start, catalogue
 from sumo_eval.scenario.file import scenario_from
 from sumo_eval.scenario.sampling.grid import full_grid
 from sumo_eval.scenario.sampling.request import Request
-from sumo_eval.scenario.sampling.samples import sample
+from sumo_eval.scenario.sampling.samples import central_point, sample
 from sumo_eval.settings import ConditionSettings, SimulationSettings, VehicleSettings
 
 ROAD = Road(name="test_road", length=600.0, lanes=2, lane_width=3.5, run_out=5400.0)
@@ -97,8 +100,29 @@ def once(action, moment=0.3):
     return lambda traci, ego, time: action(traci) if abs(time - moment) < 1e-9 else None
 
 
+class Watches:
+    """A policy over arrays that keeps its speed and keeps what `look` says of each step."""
+
+    batch = True
+
+    def __init__(self, look):
+        self.look, self.shown = look, []
+
+    def act(self, seen):
+        self.shown.append(self.look(seen))
+        return np.zeros(len(seen.number))
+
+
 def clips_of(recording):
     return {clip.what: clip for clip in recording.clips}
+
+
+def need_sumo():
+    """Skip the test or the file where SUMO's program is not installed."""
+    try:
+        sumo_binary()
+    except InputError as error:
+        pytest.skip(str(error), allow_module_level=True)
 
 
 def assert_as_alone(cases, together, ads, *settings):
@@ -107,10 +131,29 @@ def assert_as_alone(cases, together, ads, *settings):
         assert found.same_drive(simulate(concrete, ads, *settings)), concrete
 
 
-def assert_whole(found):
-    """It was driven until the time was up, without an error."""
-    assert found.error is None
-    assert found.end_reason == "time_limit"
+def half_second(ads, *actors, **options):
+    """Half a second of an ADS at 20 m/s on the road with these actors."""
+    return simulate(case(*actors), ads, HALF_SECOND, **options)
+
+
+def assert_ended(found, reason="time_limit", words=None):
+    """The drive ended for this reason: with these words in its error, or without an error."""
+    assert found.end_reason == reason, found.error
+    assert found.error is None if words is None else words in found.error, found.error
+
+
+def assert_last(found, within=None, **channels):
+    """The ego's channels have these values at its last sample, to `within` or to 1e-6 of them."""
+    for name, value in channels.items():
+        assert getattr(found.ego, name)[-1] == pytest.approx(value, abs=within), name
+
+
+def clear_drive(concrete, ads, *settings, **options):
+    """The recording of a drive, which must end without an error and without a collision."""
+    found = simulate(concrete, ads, *settings, **options)
+    assert found.error is None, (concrete.label, found.error, found.log)
+    assert found.collision is None, concrete.label
+    return found
 
 
 def table(keys):
@@ -134,13 +177,23 @@ def at_values(name, **values):
     return catalogue.load(name).concrete(**values)
 
 
+def central_case(name):
+    """A shipped scenario at its central point."""
+    logical = catalogue.load(name)
+    return logical.concretes(central_point(logical)[None])[0]
+
+
+def drawn_points(logical, count, seed):
+    """Possible points of a space, drawn at random."""
+    shares = np.random.default_rng(seed).random((8 * count, len(logical.names)))
+    points = logical.from_shares(shares)
+    return points[logical.feasible(points)][:count]
+
+
 def drawn_cases(name, count, seed):
     """Concrete scenarios at possible points of a shipped scenario, drawn at random."""
     logical = catalogue.load(name)
-    points = logical.from_shares(
-        np.random.default_rng(seed).random((8 * count, len(logical.names)))
-    )
-    return list(logical.concretes(points[logical.feasible(points)][:count]))
+    return list(logical.concretes(drawn_points(logical, count, seed)))
 
 
 def grid(logical):

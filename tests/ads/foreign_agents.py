@@ -6,8 +6,12 @@ from types import SimpleNamespace
 import numpy as np
 
 
-def followed(speed, gap, lead_speed, wanted):
-    """Acceleration of a linear follower, m/s2."""
+def followed(speed, ahead, wanted):
+    """Acceleration of a linear follower, m/s2.
+
+    ahead: gap and speed of each vehicle ahead.
+    """
+    gap, lead_speed = min(ahead, default=(None, 0.0))
     if gap is not None:
         wanted = min(wanted, lead_speed + 0.3 * (gap - 5.0 - 1.2 * speed))
     return min(max(0.6 * (wanted - speed), -5.0), 2.0)
@@ -35,9 +39,8 @@ class BasicAgent:
             ):
                 reach = other.bounding_box.extent.x + self._vehicle.bounding_box.extent.x
                 gaps.append((place.x - me.location.x - reach, other.get_velocity().x))
-        gap, lead_speed = min(gaps, default=(None, 0.0))
         speed = math.hypot(self._vehicle.get_velocity().x, self._vehicle.get_velocity().y)
-        a = followed(speed, gap, lead_speed, self._target_speed / 3.6)
+        a = followed(speed, gaps, self._target_speed / 3.6)
         steer = -0.05 * (me.location.y - 0.0) - 0.01 * me.rotation.yaw
         return SimpleNamespace(
             throttle=max(a, 0.0) / 4.0, brake=max(-a, 0.0) / 9.0, steer=steer, hand_brake=False
@@ -84,8 +87,7 @@ class RadarAgent:
         assert input_data["I"][1][6] == math.pi / 2
         assert input_data["G"][1][1] > 0.0
         radar = [row for row in input_data["R"][1] if abs(row[0] * math.sin(row[2])) < 1.5]
-        gap, _, _, receding = min(radar, key=lambda row: row[0], default=(None, 0.0, 0.0, 0.0))
-        a = followed(speed, gap, speed + receding, 20.0)
+        a = followed(speed, [(gap, speed + receding) for gap, _, _, receding in radar], 20.0)
         return SimpleNamespace(throttle=max(a, 0.0) / 4.0, brake=max(-a, 0.0) / 9.0, steer=0.0)
 
 
@@ -109,8 +111,7 @@ class Follower:
             for it in obs.neighborhood_vehicle_states
             if it.lane_index == ego.lane_index and it.position[0] > ego.position[0]
         ]
-        gap, lead_speed = min(ahead, default=(None, 0.0))
-        a = followed(ego.speed, gap, lead_speed, 20.0)
+        a = followed(ego.speed, ahead, 20.0)
         return np.array([max(a, 0.0) / 4.0, max(-a, 0.0) / 9.0, 0.0])
 
 
@@ -154,8 +155,7 @@ class SimplePlanner:
             for it in observed.tracked_objects.tracked_objects
             if it.center.x > me.x and abs(it.center.y - me.y) < 1.8
         ]
-        gap, lead_speed = min(ahead, default=(None, 0.0))
-        a, states = followed(v, gap, lead_speed, 20.0), []
+        a, states = followed(v, ahead, 20.0), []
         for k in range(9):
             t = 0.25 * k
             speed = max(v + a * t, 0.0)
@@ -181,12 +181,8 @@ class LanePlanner:
             if it.initial_state.position[0] > begin.position[0]
             and abs(it.initial_state.position[1] - lane[0, 1]) < 1.8
         ]
-        gap, lead_speed = min(ahead, default=(None, 0.0))
-        a, v, states = (
-            followed(begin.velocity, gap, lead_speed, planning_problem.desired_speed),
-            begin.velocity,
-            [],
-        )
+        v, states = begin.velocity, []
+        a = followed(v, ahead, planning_problem.desired_speed)
         for k in range(21):
             t = scenario.dt * k
             speed = max(v + a * t, 0.0)

@@ -6,16 +6,14 @@ from pathlib import Path
 
 import pytest
 from refusals import refusal, refused
-from road_scenes import at_values
+from road_scenes import assert_last, at_values, clear_drive
 from tables import rows_of
 
-from sumo_eval.cosim import simulate
 from sumo_eval.cosim.doors.controller import load_controller
 from sumo_eval.settings import SimulationSettings
 
 HERE = Path(__file__).parent
 SLOWER = at_values("front_vehicle_low_speed", ego_speed=20.0, lead_speed=10.0)
-SHORT = SimulationSettings(time_limit=2.0)
 
 
 @pytest.fixture(autouse=True)
@@ -24,13 +22,9 @@ def _path(monkeypatch):
     monkeypatch.chdir(HERE.parents[1] / "docs" / "examples" / "adapters")
 
 
-def drive(locator, settings=None):
-    found = simulate(
-        SLOWER, locator, settings or SimulationSettings(time_limit=40.0), step_timeout=10.0
-    )
-    assert found.error is None, (found.error, found.log)
-    assert found.collision is None
-    return found
+def drive(locator, seconds=40.0):
+    settings = SimulationSettings(time_limit=seconds)
+    return clear_drive(SLOWER, locator, settings, step_timeout=10.0)
 
 
 FOLLOWERS = [
@@ -49,13 +43,13 @@ def test_a_follower_of_another_tool_ends_at_the_leads_speed_and_its_own_gap(loca
     # at rest behind the lead: lead_speed = lead_speed + 0.3 (gap - 5 - 1.2 v), so gap = 5 + 1.2 x
     # 10 = 17 m
     found = drive(locator)
-    assert found.ego.speed[-1] == pytest.approx(10.0, abs=0.2)
+    assert_last(found, 0.2, speed=10.0)
     assert found.actors["lead"].x[-1] - found.ego.x[-1] - 4.5 == pytest.approx(17.0, abs=1.0)
     assert abs(found.ego.y).max() < 1e-6
 
 
 def test_carlas_steer_is_to_the_right():
-    found = drive("carla_agent.py:CarlaAgent?options.agent=foreign_agents:LeaderboardAgent", SHORT)
+    found = drive("carla_agent.py:CarlaAgent?options.agent=foreign_agents:LeaderboardAgent", 2.0)
     assert found.ego.y[-1] < -0.05
 
 
@@ -69,7 +63,7 @@ def test_carlas_steer_is_to_the_right():
 )
 def test_smartss_actions(agent, action, until, quantity, last):
     options = f"options.agent=foreign_agents:{agent}&options.action={action}"
-    found = drive(f"smarts_agent.py:SmartsAgent?{options}", SimulationSettings(time_limit=until))
+    found = drive(f"smarts_agent.py:SmartsAgent?{options}", until)
     assert getattr(found.ego, quantity)[-1] == pytest.approx(last, abs=0.1)
 
 
@@ -83,28 +77,27 @@ _IDM = (
 
 @pytest.mark.filterwarnings("default")  # of the packages' own
 @pytest.mark.parametrize(
-    "package, locator, speed",
+    "package, locator, seconds, speed",
     [
-        ("nuplan", f"nuplan_planner.py:NuPlanPlanner?period=0.1&options.agent={_IDM}", 10.0),
+        ("nuplan", f"nuplan_planner.py:NuPlanPlanner?period=0.1&options.agent={_IDM}", 40.0, 10.0),
         (
             "agents",
             "carla_agent.py:CarlaAgent?options.agent=agents.navigation.basic_agent:BasicAgent",
+            40.0,
             10.0,
         ),
         (
             "commonroad_rp",
             "commonroad_planner.py:CommonRoadPlanner?period=0.3"
             "&options.agent=commonroad_rp.reactive_planner:ReactivePlanner",
+            2.0,
             20.0,
         ),
     ],
 )
-def test_a_planner_drives_as_its_own_package_has_it(package, locator, speed):
+def test_a_planner_drives_as_its_own_package_has_it(package, locator, seconds, speed):
     pytest.importorskip(package)
-    found = drive(
-        locator, SimulationSettings(time_limit=2.0 if package == "commonroad_rp" else 40.0)
-    )
-    assert found.ego.speed[-1] == pytest.approx(speed, abs=1.0)
+    assert_last(drive(locator, seconds), 1.0, speed=speed)
 
 
 @pytest.mark.parametrize(

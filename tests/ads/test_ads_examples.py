@@ -10,22 +10,17 @@ import pytest
 from ads_cases import CUT_OUT, EXAMPLES, SLOWER
 from evaluations import small
 from refusals import refusal
-from road_scenes import clips_of
+from road_scenes import assert_last, clear_drive, clips_of, need_sumo
 
 import sumo_eval
 from sumo_eval.cosim import simulate
-from sumo_eval.cosim.doors.traci_program import sumo_binary
-from sumo_eval.errors import InputError
 from sumo_eval.settings import ConditionSettings, RunSettings, SimulationSettings
 
 pytestmark = pytest.mark.usefixtures("own_path")
 
 
 def drive(locator, concrete=SLOWER, **kwargs):
-    found = simulate(concrete, locator, folder=EXAMPLES, step_timeout=10.0, **kwargs)
-    assert found.error is None, found.log
-    assert found.collision is None
-    return found
+    return clear_drive(concrete, locator, folder=EXAMPLES, step_timeout=10.0, **kwargs)
 
 
 FOLLOWERS = [
@@ -39,23 +34,23 @@ FOLLOWERS = [
 @pytest.mark.parametrize("locator", FOLLOWERS)
 def test_who_follows_ends_at_the_leads_speed_in_its_lane(locator, concrete):
     found = drive(locator, concrete)
-    assert found.ego.speed[-1] == pytest.approx(5.0 if concrete is SLOWER else 10.0, abs=0.2)
+    assert_last(found, 0.2, speed=5.0 if concrete is SLOWER else 10.0)
     assert abs(found.ego.y).max() == 0.0
 
 
 @pytest.mark.parametrize("concrete", [SLOWER, CUT_OUT], ids=["slower", "cut_out"])
 def test_the_overtaking_planner_overtakes(concrete):
     found = drive("overtaking_planner.py:Overtaker", concrete)
-    assert found.ego.y[-1] == pytest.approx(3.5, abs=0.1)
+    assert_last(found, 0.1, y=3.5)
     assert (
         found.ego.x[-1] > found.actors["obstacle" if concrete is CUT_OUT else "lead"].x[-1] + 20.0
     )
-    assert found.ego.speed[-1] == pytest.approx(20.0)
+    assert_last(found, speed=20.0)
 
 
 def test_the_trajectory_planner_overtakes_close_to_its_plans():
     found = drive("trajectory_planner.py:Planner")
-    assert found.ego.y[-1] == pytest.approx(3.5, abs=0.01)
+    assert_last(found, 0.01, y=3.5)
     assert found.ego.x[-1] > found.actors["lead"].x[-1] + 20.0
     assert clips_of(found)["plan_error"].applied < 0.05
 
@@ -72,10 +67,7 @@ def test_the_c_program_drives_as_the_ten_lines_do(tmp_path):
 
 
 def test_the_client_of_its_own_drives_as_the_step_listener_does():
-    try:
-        sumo_binary()
-    except InputError as error:
-        pytest.skip(str(error))
+    need_sumo()
     short = SimulationSettings(time_limit=15.0)
     client = drive(f"traci:{sys.executable} traci_client.py", SLOWER, settings=short)
     listener = drive("step_listener.py:KeepDistance", SLOWER, settings=short)
@@ -91,7 +83,7 @@ def test_simplas_platoon_needs_leave_to_touch_the_lead_and_then_closes_up():
     assert "touched_vehicle" in clips_of(found)
     gap = found.actors["lead"].x[-1] - found.ego.x[-1] - 4.5
     assert 0.0 < gap < 10.0  # a follower of tau 0.5 s at 5 m/s
-    assert found.ego.speed[-1] == pytest.approx(5.0, abs=0.2)
+    assert_last(found, 0.2, speed=5.0)
 
 
 def test_a_published_planner_overtakes_by_sampling_and_its_wrapper_is_short():

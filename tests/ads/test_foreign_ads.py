@@ -13,9 +13,8 @@ from types import ModuleType, SimpleNamespace
 import numpy as np
 import pytest
 from ads_cases import CUT_OUT, EXAMPLES, SLOWER
-from road_scenes import clips_of
+from road_scenes import assert_last, clear_drive, clips_of
 
-from sumo_eval.cosim import simulate
 from sumo_eval.cosim.doors.observation import Observation
 from sumo_eval.scenario import Road
 from sumo_eval.scenario.touch import Body
@@ -26,10 +25,7 @@ ROAD = Road("road", 1000.0, 2, 3.5, 60.0)
 
 def drive(locator, concrete=CUT_OUT, seconds=20.0):
     settings = SimulationSettings(time_limit=seconds)
-    found = simulate(concrete, locator, settings, folder=EXAMPLES, step_timeout=60.0)
-    assert found.error is None, found.log
-    assert found.collision is None
-    return found
+    return clear_drive(concrete, locator, settings, folder=EXAMPLES, step_timeout=60.0)
 
 
 def seen(*others, speed=20.0, x=100.0):
@@ -89,7 +85,7 @@ def test_metadrives_pedals_are_its_default_vehicles(expert):
 )
 def test_metadrives_expert_follows_a_slower_vehicle_near_its_lane():
     found = drive("metadrive_expert.py:Expert", SLOWER)
-    assert found.ego.speed[-1] == pytest.approx(5.0, abs=0.5)
+    assert_last(found, 0.5, speed=5.0)
     assert np.abs(found.ego.y).max() < 1.2
 
 
@@ -132,7 +128,7 @@ def test_a_controller_of_flow_sees_its_environment(flow):
     """20 m/s, wanted 20, 45.5 m behind 10 m/s: 1 - 1 - ((2 + 20 + 20 x 10/(2 sqrt 1.5))/45.5)^2 =
     -5.27 m/s2."""
     found = drive("flow_drivers.py:Driver")
-    assert found.ego.speed[-1] == pytest.approx(10.0, abs=0.7)
+    assert_last(found, 0.7, speed=10.0)
     assert np.abs(found.ego.y).max() == 0.0
     from sumo_eval.cosim.doors.controller import load_controller
 
@@ -153,7 +149,7 @@ def test_openpilots_longitudinal_mpc_follows_gently():
     found = drive(
         f"openpilot_long.py:Longitudinal?options.source={os.environ['OPENPILOT']}", seconds=30.0
     )
-    assert found.ego.speed[-1] == pytest.approx(10.0, abs=0.5)
+    assert_last(found, 0.5, speed=10.0)
     assert found.ego.acceleration.min() > -3.6
     assert not found.clips
 

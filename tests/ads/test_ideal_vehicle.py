@@ -6,8 +6,19 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from ads.ads_cases import SCRIPTED
 from campaign_share import SHARE
-from road_scenes import DECIDED, actor, at_point, case, drawn_cases, severities, severity
+from road_scenes import (
+    DECIDED,
+    actor,
+    assert_ended,
+    at_point,
+    case,
+    clear_drive,
+    drawn_cases,
+    severities,
+    severity,
+)
 
 from sumo_eval.ads.foresight import evasion, foresee
 from sumo_eval.ads.known_answers import IdealBraking, safe_gap
@@ -18,8 +29,6 @@ from sumo_eval.scenario import Actor, Start, brake_to_stop, catalogue, constant_
 from sumo_eval.scenario.concrete import Way
 from sumo_eval.settings import SimulationSettings
 
-SCRIPTED = sorted(name for name in catalogue.SCENARIOS if catalogue.load(name).approach is not None)
-"""Scenarios in which what the others do is known before anybody drives."""
 OTHERS = tuple(
     name for name in SHIPPED if name not in ("ideal_braking", "no_reaction", "careful_driver")
 )
@@ -87,8 +96,7 @@ FAST = at_point("r157_cut_out", 37.0, 2.0, 1.0)
 def test_it_steers_round_what_shows_too_late_to_brake():
     # 78.3 m to a standing vehicle at 37 m/s: 37 * 0.075 + 37^2 / 18 = 78.8 m are needed; 2.25 s for
     # the next lane
-    steered = simulate(FAST, "ideal_braking", DECIDED)
-    assert steered.collision is None
+    steered = clear_drive(FAST, "ideal_braking", DECIDED)
     assert steered.ego.speed.min() == 37.0
     assert steered.ego.y.max() > 3.4
     braked = simulate(FAST, "ideal_braking", replace(DECIDED, ideal_steers=False))
@@ -197,8 +205,7 @@ def test_it_falls_behind_a_vehicle_that_it_would_be_beside_of_at_equal_speed():
     # 5 m/s faster and 1 m behind, it is beside the other when it is as slow: 25 / 18 + 0.375 m; 8 s
     # to the overlap
     beside = at_point("cut_in", 15.0, 12.5, 0.0, 0.9)
-    recording = simulate(beside, "ideal_braking", DECIDED)
-    assert recording.collision is None
+    recording = clear_drive(beside, "ideal_braking", DECIDED)
     assert recording.ego.speed.min() < 12.5
 
 
@@ -253,8 +260,7 @@ def test_only_the_ideal_vehicle_itself_receives_the_scripts():
         pass
 
     recording = simulate(case(actor("lead", 40.0, 0.0)), Mine)
-    assert recording.end_reason == "ads_error"
-    assert "The ideal vehicle must know the scripts of the actors" in recording.error
+    assert_ended(recording, "ads_error", "The ideal vehicle must know the scripts of the actors")
 
 
 def test_the_safe_gap_by_hand():
@@ -276,8 +282,7 @@ def test_it_brakes_at_once_where_it_is_too_close_to_what_hides(gap, keeps):
 
 
 def test_who_stands_in_the_way_of_an_oncoming_vehicle_waits_until_it_has_passed():
-    waited = simulate(at_point("oncoming_in_lane", 10, 25, 300, 0.9), "ideal_braking", DECIDED)
-    assert waited.collision is None
+    waited = clear_drive(at_point("oncoming_in_lane", 10, 25, 300, 0.9), "ideal_braking", DECIDED)
     assert waited.end_reason == "time_limit"
     assert waited.ego.speed[-1] == 0.0
     assert waited.actors["oncoming"].x[-1] < waited.ego.x[-1]

@@ -5,9 +5,8 @@ import sys
 from pathlib import Path
 
 import numpy as np
-import pytest
 from ads_cases import EXAMPLES, SLOWER
-from road_scenes import clips_of
+from road_scenes import assert_last, clips_of
 
 from sumo_eval.cosim import simulate
 from sumo_eval.settings import SimulationSettings
@@ -41,7 +40,7 @@ def test_a_stack_drives_by_controls_in_lockstep():
 
 
 def test_a_control_may_be_a_speed():
-    assert drive(6.0, option="--follow speed").ego.speed[-1] == pytest.approx(10.0, abs=0.2)
+    assert_last(drive(6.0, option="--follow speed"), 0.2, speed=10.0)
 
 
 def test_a_path_is_a_plan():

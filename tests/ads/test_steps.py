@@ -5,17 +5,15 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from ads.ads_cases import SCRIPTED
 from campaign_share import SHARE
 from road_scenes import ROAD, at_point, drawn_cases
 
 from sumo_eval.cosim import simulate, simulate_many
-from sumo_eval.scenario import catalogue
 from sumo_eval.scenario.road.reference_line import map_places
 from sumo_eval.settings import SimulationSettings
 from sumo_eval.trajectory import Recording, Trajectory
 
-SCRIPTED = sorted(name for name in catalogue.SCENARIOS if catalogue.load(name).approach is not None)
-"""Scenarios in which what the others do is known before anybody drives."""
 DRIVERS = (
     "careful_driver",
     "careful_driver_aeb",

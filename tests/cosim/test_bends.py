@@ -6,7 +6,17 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from lxml import etree
-from road_scenes import ROAD, assert_as_alone, at_values, case, clips_of, lead
+from road_scenes import (
+    ROAD,
+    Watches,
+    assert_as_alone,
+    assert_last,
+    at_values,
+    case,
+    clear_drive,
+    clips_of,
+    lead,
+)
 
 from sumo_eval import Command
 from sumo_eval.cosim import simulate, simulate_many
@@ -105,12 +115,10 @@ def test_over_a_spiral_into_a_curve_and_out_the_lane_is_kept():
 
 def test_a_lane_changer_arrives_in_the_left_lane_of_a_curve():
     slow = Actor("slow", Start(110.0, 0.0, 10.0))
-    found = simulate(
+    found = clear_drive(
         on(bend(500.0), case(slow)), "lane_changer", SimulationSettings(time_limit=20.0)
     )
-    assert found.error is None
-    assert found.collision is None
-    assert found.ego.y[-1] == pytest.approx(3.5, abs=0.05)
+    assert_last(found, 0.05, y=3.5)
 
 
 @pytest.mark.parametrize("spans", [(), (LaneSpan(2, end=1400.0),)])
@@ -192,13 +200,11 @@ def test_what_an_ads_sees_of_a_curve():
 
 @pytest.mark.parametrize("ads", ["sumo:IDM", "sumo:Krauss"])
 def test_a_model_of_sumos_follows_a_curve(ads):
-    found = simulate(
+    found = clear_drive(
         on(bend(250.0), case(lead(40.0, 15.0))), ads, SimulationSettings(time_limit=15.0)
     )
-    assert found.error is None
     assert np.abs(found.ego.y).max() < 0.02  # the chord between its bumpers
     assert np.abs(found.ego.heading).max() < 0.012
-    assert found.collision is None
 
 
 @pytest.mark.parametrize("road, apart", [(ROAD, 1e-6), (bend(250.0), 0.03)])
@@ -285,23 +291,16 @@ def test_a_hook_that_stays_in_a_lane_that_ends_leaves_the_road(name):
 
 def test_law_arrays_of_policies_have_the_edges_of_others():
     wanted = Interface((Feature("left_edge"), Feature("right_edge")), (Action("acceleration"),))
-    shown = [[], []]
-
-    class Arrays:
-        batch = True
-
-        def act(self, seen):
-            shown[0] += wanted.show(seen)[0].tolist()
-            return np.zeros(1)
+    arrays, edges = Watches(lambda seen: wanted.show(seen)[0]), []
 
     def single(seen):
-        shown[1] += [seen.left_edge, seen.right_edge]
+        edges.append([seen.left_edge, seen.right_edge])
         return 0.0
 
-    for policy in (Arrays(), single):
+    for policy in (arrays, single):
         simulate(scene("exit"), policy)
-    assert shown[0] == pytest.approx(shown[1], abs=1e-5)
-    assert len(set(shown[1])) > 2
+    np.testing.assert_allclose(arrays.shown, edges, rtol=0, atol=1e-5)
+    assert len(np.unique(edges)) > 2
 
 
 @pytest.mark.parametrize("ads", [Straight(), hold])
@@ -314,7 +313,7 @@ def test_law_whose_rule_is_for_the_pedals_changes_lanes_on_the_fixed_way():
     concrete = scene("ramp_merge", offset=60.0, other_speed=28.0, other_acceleration=2.0)
     found = simulate(concrete, "no_reaction")
     assert np.abs(found.ego.y - concrete.ego.y_at(found.ego.x)).max() < 0.03
-    assert found.ego.y[-1] == pytest.approx(3.5, abs=1e-3)
+    assert_last(found, 1e-3, y=3.5)
     assert np.all(found.ego.speed == 24.0)
     assert found.end_reason == "road_end"
 
@@ -325,7 +324,7 @@ def test_who_chooses_a_gap_reaches_its_goal_without_a_touch(name, ads):
     concrete = scene(name)
     found = simulate(concrete, ads)
     assert (found.collision, "goal_missed" in clips_of(found)) == (None, False)
-    assert found.ego.y[-1] == pytest.approx(concrete.ego.y + concrete.ego.way.offset, abs=0.02)
+    assert_last(found, 0.02, y=concrete.ego.y + concrete.ego.way.offset)
     assert found.ego.acceleration.min() > -4.0
 
 
@@ -336,8 +335,7 @@ def test_who_finds_no_gap_waits_before_the_end_of_its_lane():
     wall = [replace(concrete.actors[0], name=f"other_{k}",
         start=replace(concrete.actors[0].start, x=60.0 + 18.0 * k))
             for k in range(40)]  # fmt: skip
-    found = simulate(replace(concrete, actors=tuple(wall), time_limit=32.0), "idm")
-    assert found.collision is None
+    found = clear_drive(replace(concrete, actors=tuple(wall), time_limit=32.0), "idm")
     assert found.ego.x.max() + 2.25 <= 660.0 - 20.0 + 0.1  # 20 m before the end, a shortest change
     assert np.abs(found.ego.y).max() < 0.01
     assert found.ego.speed[-1] < 1.0
@@ -349,11 +347,9 @@ def test_law_a_case_on_such_a_road_has_the_bits_alone_that_it_has_in_company():
 
 
 def test_a_model_of_sumos_takes_the_exit_that_its_route_leads_to():
-    found = simulate(scene("exit", gap=65.0, other_acceleration=0.0), "sumo:IDM")
-    assert found.error is None
-    assert found.collision is None
+    found = clear_drive(scene("exit", gap=65.0, other_acceleration=0.0), "sumo:IDM")
     assert found.end_reason == "road_end"
-    assert found.ego.y[-1] == pytest.approx(0.0, abs=1e-6)
+    assert_last(found, 1e-6, y=0.0)
 
 
 def bent(concrete, radius):
@@ -376,11 +372,10 @@ def test_law_shapes_on_a_wide_curve_are_those_on_a_straight_road(name):
 
 @pytest.mark.parametrize("radius", [250.0, -250.0])
 def test_on_a_curve_a_lane_change_reaches_the_goal_in_the_frame(radius):
-    merges = simulate(bent(scene("ramp_merge"), radius), "idm")
-    assert merges.collision is None
+    merges = clear_drive(bent(scene("ramp_merge"), radius), "idm")
     assert merges.end_reason == "road_end"
     assert "goal_missed" not in clips_of(merges)
-    assert merges.ego.y[-1] == pytest.approx(3.5, abs=0.05)
+    assert_last(merges, 0.05, y=3.5)
     pedals = bent(
         scene("ramp_merge", offset=60.0, other_speed=28.0, other_acceleration=2.0), radius
     )

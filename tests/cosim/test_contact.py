@@ -12,6 +12,7 @@ from twins import contact as twin
 
 from sumo_eval.cosim.contact import bumper_overlap, describe, struck_side
 from sumo_eval.scenario.touch import TOUCH, Body, between, share_at_touch, widest_gap
+from sumo_eval.trajectory import Collision
 
 EGO = Body(0.0, 0.0, 0.0, 20.0, 4.5, 1.8)
 
@@ -54,15 +55,9 @@ def test_a_corner_pointing_at_a_side():
 
 def test_square_on_to_the_rear():
     found = describe(1.25, "lead", EGO, car(4.5, 0.0, speed=8.0))
-    assert found.time == 1.25
-    assert found.other == "lead"
-    assert found.overlap == 1.0
-    assert found.side == "front"
-    assert found.ego_velocity == (20.0, 0.0)
-    assert found.other_velocity == (8.0, 0.0)
+    poses = (0.0, 0.0, 0.0), (4.5, 0.0, 0.0)
+    assert found == Collision(1.25, "lead", (20.0, 0.0), (8.0, 0.0), 1.0, "front", *poses)
     assert found.relative_speed == pytest.approx(12.0)
-    assert found.ego_pose == (0.0, 0.0, 0.0)
-    assert found.other_pose == (4.5, 0.0, 0.0)
 
 
 @pytest.mark.parametrize(

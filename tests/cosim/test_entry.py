@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 from refusals import refusal, refused
-from road_scenes import HALF_SECOND, case, clips_of, lead, under
+from road_scenes import HALF_SECOND, case, clips_of, half_second, lead, under
 from tables import rows_of
 
 from sumo_eval import Command
@@ -150,7 +150,7 @@ def test_an_option_nested_too_deep_for_json_is_a_text():
 
 
 def test_an_ads_with_a_period_is_asked_that_often_and_its_answer_holds(folder):
-    found = simulate(case(), "mine.py:Counting?period=0.2", HALF_SECOND, folder=folder)
+    found = half_second("mine.py:Counting?period=0.2", folder=folder)
     # asked at 0, 0.2 and 0.4 s: -1, -1.2, -1.4; samples are every 0.1 s
     assert found.ego.acceleration.tolist() == pytest.approx([0.0, -1.0, -1.0, -1.2, -1.2, -1.4])
     together = list(simulate_many([case(lead(g)) for g in (100.0, 90.0)],
@@ -160,7 +160,7 @@ def test_an_ads_with_a_period_is_asked_that_often_and_its_answer_holds(folder):
 
 
 def test_between_calls_a_plan_is_tracked_at_every_step(folder):
-    found = simulate(case(), "mine.py:Planning?period=0.25", HALF_SECOND, folder=folder)
+    found = half_second("mine.py:Planning?period=0.25", folder=folder)
     assert clips_of(found)["plan_error"].count == 10
     assert found.controller_latency[1] > 0.0
 
@@ -176,7 +176,7 @@ def test_traci_code_is_asked_so_often_too_and_told_its_period():
             asked.append(round(time, 2))
             return Command(-1.0)
 
-    found = simulate(case(), Mine, HALF_SECOND, period=0.1)
+    found = half_second(Mine, period=0.1)
     assert asked == [0.0, 0.1, 0.2, 0.3, 0.4]
     assert told == [0.1]
     assert (found.ego.acceleration[1:] == -1.0).all()
@@ -218,25 +218,23 @@ sumo:IDM?tau=1&tau=2 | must be of the form name=value&name=value, each name once
 )
 def test_an_entry_that_cannot_be_is_refused(folder, locator, sentence):
     with refused(sentence):
-        simulate(case(), locator, HALF_SECOND, folder=folder)
+        half_second(locator, folder=folder)
 
 
 @pytest.mark.parametrize("period", [math.nan, math.inf, -0.05, 0.01])
 def test_a_period_that_is_no_multiple_of_the_step_is_refused(period):
     with refusal("must be a multiple of"):
-        simulate(case(), lambda seen: 0.0, HALF_SECOND, period=period)
+        half_second(lambda seen: 0.0, period=period)
 
 
 def test_options_are_handed_to_the_constructor(folder):
-    found = simulate(
-        case(), "mine.py:Counting?options.gain=2.5&options.path=a.onnx", HALF_SECOND, folder=folder
-    )
+    found = half_second("mine.py:Counting?options.gain=2.5&options.path=a.onnx", folder=folder)
     assert found.ego.acceleration[1] == pytest.approx(-2.625)  # -2.5 (1 + 0.05 s)
 
 
 def test_a_program_receives_its_options(folder):
     text = "exec:sh -c 'read x; echo \"$x\" >&2; echo no'?options.gain=2"
-    assert '"options":{"gain":2}' in simulate(case(), text, HALF_SECOND).log
+    assert '"options":{"gain":2}' in half_second(text).log
 
 
 def test_what_a_class_loads_is_loaded_once_in_a_process(folder):
@@ -246,10 +244,10 @@ def test_what_a_class_loads_is_loaded_once_in_a_process(folder):
         [case(lead(100.0)), case(lead(90.0))], locator, HALF_SECOND, folder=folder
     ):
         pass
-    simulate(case(), locator, HALF_SECOND, folder=folder)
+    half_second(locator, folder=folder)
     assert take_load_report().startswith("Loading Network took 0.0")
     assert take_load_report() == ""
-    simulate(case(), "mine.py:Network?options.size=8", HALF_SECOND, folder=folder)
+    half_second("mine.py:Network?options.size=8", folder=folder)
     assert find_controller(locator, folder).load_once.__globals__["loaded"] == [7, 8]
 
 

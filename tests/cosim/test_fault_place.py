@@ -3,9 +3,8 @@
 from pathlib import Path
 
 import pytest
-from road_scenes import HALF_SECOND, case
+from road_scenes import half_second
 
-from sumo_eval.cosim import simulate
 from sumo_eval.cosim.doors.fault_place import fault_place
 
 ADS = """import numpy as np
@@ -82,7 +81,7 @@ def write_ads(folder):
 def test_the_place_is_the_innermost_line_of_the_users_own_file(tmp_path, monkeypatch, name):
     monkeypatch.syspath_prepend(str(tmp_path))
     write_ads(tmp_path)
-    found = simulate(case(), f"fault_place_ads.py:{name}", HALF_SECOND, folder=tmp_path)
+    found = half_second(f"fault_place_ads.py:{name}", folder=tmp_path)
     assert found.end_reason == "ads_error"
     assert found.error_place == PLACES[name]
 
@@ -93,7 +92,7 @@ def test_through_a_link_to_the_folder_the_place_is_the_same(tmp_path, monkeypatc
     link = tmp_path / "link"
     link.symlink_to("real")
     monkeypatch.syspath_prepend(str(link))
-    found = simulate(case(), "fault_place_ads:InHelper", HALF_SECOND, folder=link)
+    found = half_second("fault_place_ads:InHelper", folder=link)
     assert found.error_place == PLACES["InHelper"]
 
 

@@ -15,7 +15,7 @@ import pytest
 from evaluations import settings_of
 from loaded import ROOT
 from refusals import refusal, refused
-from road_scenes import HALF_SECOND, case, clips_of, lead
+from road_scenes import HALF_SECOND, assert_ended, assert_last, case, clips_of, half_second, lead
 from tables import values_of
 
 from sumo_eval.cosim import Command, simulate
@@ -94,13 +94,11 @@ def test_an_fmi_3_car_is_the_egos_vehicle_model(fmus):
     assert found.error is None
     assert found.clips == ()
     # a' = (u - a) / 4 a step: after 40 steps v = 20 - 4 * 0.05 * (40 - 3 (1 - 0.75^40)) = 12.6 m/s
-    assert found.ego.speed[-1] == pytest.approx(20.0 - 4.0 * 0.05 * (40.0 - 3.0 * (1.0 - 0.75**40)))
+    assert_last(found, speed=20.0 - 4.0 * 0.05 * (40.0 - 3.0 * (1.0 - 0.75**40)))
     assert found.ego.x[0] == 50.0
-    assert found.ego.x[-1] == pytest.approx(
-        50.0 + sum(found.ego.speed[:-1] + found.ego.speed[1:]) * 0.05, abs=0.01
-    )
+    assert_last(found, 0.01, x=50.0 + sum(found.ego.speed[:-1] + found.ego.speed[1:]) * 0.05)
     turning = simulate(case(), lambda seen: (0.0, 0.3), settings, folder=fmus)
-    assert turning.ego.heading[-1] == pytest.approx(40.0 * math.tan(0.3 / 16.0) / 2.7)
+    assert_last(turning, heading=40.0 * math.tan(0.3 / 16.0) / 2.7)
 
 
 @pytest.mark.parametrize(
@@ -115,8 +113,7 @@ def test_a_wrong_start_of_a_vehicle_model_is_a_sim_error(fmus, monkeypatch, head
     monkeypatch.setattr("fmpy.fmi3.FMU3Slave.getFloat64", lambda *_: [next(values)])
     settings = replace(HALF_SECOND, plant=PlantSettings(file="Car.fmu"))
     found = simulate(case(), lambda *_: Command(0.0), settings, folder=fmus)
-    assert found.end_reason == "sim_error"
-    assert words in found.error
+    assert_ended(found, "sim_error", words)
 
 
 def test_a_vehicle_models_acceleration_may_need_a_step(fmus, monkeypatch):
@@ -155,7 +152,7 @@ def test_nothing_is_asked_of_an_fmu_after_fatal(fmus, monkeypatch, call):
     for later in ("terminate", "freeInstance"):
         name = f"fmpy.fmi2.FMU2Slave.{later}"
         monkeypatch.setattr(name, lambda self, later=later: calls.append(later))
-    assert simulate(case(lead(50.0)), MAPPED, HALF_SECOND, folder=fmus).end_reason == "ads_error"
+    assert half_second(MAPPED, lead(50.0), folder=fmus).end_reason == "ads_error"
     assert calls == ["fatal"]
 
 
@@ -211,10 +208,8 @@ def test_the_mapping_in_the_evaluation_file_is_the_one_of_the_locator(fmus):
     for it in (settings, constant):
         assert settings_from(to_plain(it), "again") == it
     assert "inputs.whole_in=12" in constant.ads[0].locator
-    written = simulate(case(lead(50.0)), settings.ads[0].locator, HALF_SECOND, folder=fmus)
-    typed = simulate(
-        case(lead(50.0)), f"{MAPPED}&parameters.headway=1.25", HALF_SECOND, folder=fmus
-    )
+    written = half_second(settings.ads[0].locator, lead(50.0), folder=fmus)
+    typed = half_second(f"{MAPPED}&parameters.headway=1.25", lead(50.0), folder=fmus)
     assert written.ego.speed.tolist() == typed.ego.speed.tolist()
 
 
@@ -383,9 +378,7 @@ def test_arrays_of_fmi_3_are_given_a_value_of_each_vehicle(feedthroughs):
     both = (lead(90.0), replace(lead(40.0), name="near"))
     assert deceleration(f"{THREE}&outputs.acceleration=speeds[1]", feedthroughs, *both) == -2.0
     assert deceleration(f"{THREE}&outputs.acceleration=speeds[2]", feedthroughs, *both) == -1.5
-    first = simulate(
-        case(*both), f"{THREE}&outputs.acceleration=speeds[0]", HALF_SECOND, folder=feedthroughs
-    )
+    first = half_second(f"{THREE}&outputs.acceleration=speeds[0]", *both, folder=feedthroughs)
     assert -1.4 < first.ego.acceleration[1] < -0.5
     assert deceleration(f"{THREE}&outputs.acceleration=speeds[1]", feedthroughs, lead(90.0)) == -1.0
 
@@ -414,12 +407,10 @@ def test_an_fmu_may_plan(feedthroughs, kind):
 
 
 def test_a_plan_has_at_most_the_places_of_its_outputs(feedthroughs):
-    recording = simulate(
-        case(), PLANS["scalars"].replace("=places", "=number"), HALF_SECOND, folder=feedthroughs
-    )
+    recording = half_second(PLANS["scalars"].replace("=places", "=number"), folder=feedthroughs)
     assert recording.error is None  # the first plan of number 1 has one place
     wide = PLANS["scalars"].replace("plan_count=places", "plan_count=plan_time[1]")
-    recording = simulate(case(), wide, HALF_SECOND, folder=feedthroughs)
+    recording = half_second(wide, folder=feedthroughs)
     assert "`plan_count` of FMU `Planner2.fmu` must be within 1 and 4" in recording.error
 
 
@@ -465,9 +456,8 @@ def test_what_does_not_fit_is_refused_before_anything_runs(feedthroughs, locator
 
 def test_a_whole_number_that_its_type_cannot_hold_ends_the_case(feedthroughs):
     locator = f"{THREE}&inputs.count=lead_kind&outputs.acceleration=speeds[2]"
-    recording = simulate(case(), locator, HALF_SECOND, folder=feedthroughs)
-    assert recording.end_reason == "ads_error"
-    assert "is of type UInt64, which cannot hold -1" in recording.error
+    recording = half_second(locator, folder=feedthroughs)
+    assert_ended(recording, "ads_error", "is of type UInt64, which cannot hold -1")
 
 
 FMI_1 = (
@@ -511,7 +501,7 @@ def test_an_fmu_that_cannot_run_here_is_refused(tmp_path, text, sentence):
 def test_an_fmu_that_steps_no_further_ends_its_case(feedthroughs, monkeypatch, flags, deed):
     monkeypatch.setattr("fmpy.fmi3.FMU3Slave.doStep", lambda *_, **__: flags)
     locator = f"{THREE}&outputs.acceleration=speeds[0]"
-    recording = simulate(case(), locator, HALF_SECOND, folder=feedthroughs)
+    recording = half_second(locator, folder=feedthroughs)
     assert recording.error == f"FMU `Feedthrough3.fmu` {deed} at 0.00 s."
 
 

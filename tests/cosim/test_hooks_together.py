@@ -38,9 +38,12 @@ def points(name, number):
     return list(logical.concretes(values[:: max(len(values) // number, 1)]))[:number]
 
 
-def behind_20(*speeds):
-    """A case for each speed, m/s, 80 m behind a lead with 20 m/s."""
-    return [case(lead(80.0, 20.0), speed=speed) for speed in speeds]
+def behind(lead_speed, *speeds):
+    """A case for each speed, m/s, 80 m behind a lead."""
+    return [case(lead(80.0, lead_speed), speed=speed) for speed in speeds]
+
+
+behind_20 = partial(behind, 20.0)
 
 
 def reasons_to_leave(cases, hook):
@@ -449,12 +452,9 @@ def test_installed_packages_are_not_looked_into(folder, is_reached, monkeypatch)
 def test_shared_state_drives_each_case_alone_and_is_named(hook, name, tmp_path, monkeypatch):
     """Nine kinds: eight are seen in the state, that of a file in the cases compared alone."""
     monkeypatch.setenv("CALLS", "0")
-    cases, why = [case(lead(80.0), speed=speed) for speed in (20.0, 18.0)], Counter()
-    list(
-        simulate_many(
-            cases, hook(tmp_path) if hook in (enclosing, writes_files) else hook, STEPS, alone=why
-        )
-    )
+    why = Counter()
+    ads = hook(tmp_path) if hook in (enclosing, writes_files) else hook
+    list(simulate_many(behind(0.0, 20.0, 18.0), ads, STEPS, alone=why))
     (reason,) = why
     assert why[reason] == 2
     assert reason.why == "keeps_state"
@@ -470,14 +470,13 @@ def test_shared_state_is_named_with_its_file(tmp_path):
         "    CALLS.append(time)\n"
         "    traci.vehicle.setSpeed(ego, 10.0)\n"
     )
-    cases = [case(lead(80.0), speed=speed) for speed in (10.0, 10.1)]
-    (reason,) = reasons_to_leave(cases, f"{tmp_path / 'my_ads.py'}:step")
+    (reason,) = reasons_to_leave(behind(0.0, 10.0, 10.1), f"{tmp_path / 'my_ads.py'}:step")
     assert "(my_ads.py: CALLS), so that results may depend on their order" in str(reason)
 
 
 @pytest.mark.parametrize("hook", [logs, keeps_libsumo])
 def test_what_a_hook_keeps_from_a_batch_works_after_it(hook):
-    slow, _ = simulate_many([case(lead(80.0), speed=speed) for speed in (10.0, 20.0)], hook, STEPS)
+    slow, _ = simulate_many(behind(0.0, 10.0, 20.0), hook, STEPS)
     assert slow.error is None
 
 

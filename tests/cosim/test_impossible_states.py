@@ -12,7 +12,7 @@ from road_scenes import (
     HALF_SECOND,
     ROAD,
     assert_as_alone,
-    assert_whole,
+    assert_ended,
     case,
     clips_of,
     lead,
@@ -64,7 +64,7 @@ def physical(recording):
 def test_a_vehicle_that_its_script_takes_off_the_lanes_stays_on_its_script(kind, controller):
     actor = leaver(OFF_ROAD[kind])
     found = alone(actor, controller=controller)
-    assert_whole(found)
+    assert_ended(found)
     track = found.actors["leaver"]
     np.testing.assert_allclose(track.x, [actor.x(time) for time in track.time], rtol=0, atol=0.02)
     np.testing.assert_allclose(track.y, [actor.y(time) for time in track.time], rtol=0, atol=0.02)
@@ -73,7 +73,7 @@ def test_a_vehicle_that_its_script_takes_off_the_lanes_stays_on_its_script(kind,
 
 def test_a_long_vehicle_turns_back_in_a_short_step():
     turns = leaver((Act(PATH, 0.2, table=((100.0, 0.0),)),), length=12.0)
-    assert_whole(alone(turns, settings=replace(HALF_SECOND, step=0.01)))
+    assert_ended(alone(turns, settings=replace(HALF_SECOND, step=0.01)))
 
 
 def test_a_vehicle_that_brakes_to_a_stand_off_the_lanes_stays_there():
@@ -85,13 +85,6 @@ def test_a_vehicle_that_brakes_to_a_stand_off_the_lanes_stays_there():
     assert track.speed[-1] == 0.0
 
 
-class Keeps:
-    """Keeps its speed."""
-
-    def act(self, seen):
-        return 0.0
-
-
 def test_batches_hold_vehicles_off_the_lanes_to_the_last_bit():
     cases = [
         case(leaver(moves), speed=15.0 + place) for place, moves in enumerate(OFF_ROAD.values())
@@ -101,14 +94,14 @@ def test_batches_hold_vehicles_off_the_lanes_to_the_last_bit():
     assert not left
     for together in packed:
         assert physical(together)
-        assert_whole(together)
+        assert_ended(together)
     assert_as_alone(cases, packed, "no_reaction", FOUR_SECONDS)
 
 
 def test_a_vehicle_7_cm_before_the_end_of_the_lanes_has_left():
     """SUMO removes it within 0.1 m of the end: no ADS has."""
     actor = Actor("early", Start(ROAD.end - 2.25 - 0.07 - 5.5, 0.0, 5.5))
-    assert_whole(alone(actor, controller=lambda traci, ego, time: None))
+    assert_ended(alone(actor, controller=lambda traci, ego, time: None))
 
 
 def test_a_braking_vehicle_that_passes_the_end_of_the_lanes_has_left_the_network():
@@ -143,8 +136,7 @@ def test_an_ego_of_traci_calls_that_sumo_has_lost_beside_the_road_ended_off_the_
     assert physical(found)
     # from the left lane SUMO loses it first
     assert (found.ego.y[-1] > ROAD.right_edge) == (y > 0.0)
-    assert found.error is None
-    assert found.end_reason == "off_road"
+    assert_ended(found, "off_road")
 
 
 def test_an_ego_discarded_beside_the_lanes_ended_off_the_road():
@@ -155,16 +147,14 @@ def test_an_ego_discarded_beside_the_lanes_ended_off_the_road():
     # its centre is on the road, and SUMO has lost it all the same
     assert ROAD.right_edge < found.ego.y[-1]
     assert physical(found)
-    assert found.error is None
-    assert found.end_reason == "off_road"
+    assert_ended(found, "off_road")
 
 
 @pytest.mark.parametrize(
-    "controller",
-    [Keeps, lambda: lambda traci, ego, time: Command(0.0, 1.0)],
+    "controller", [lambda seen: 0.0, lambda traci, ego, time: Command(0.0, 1.0)]
 )
 def test_an_ego_of_commands_never_gets_where_sumo_would_lose_it(controller):
-    found = alone(leaver(OFF_ROAD["right"]), controller=controller())
+    found = alone(leaver(OFF_ROAD["right"]), controller=controller)
     assert physical(found)
     assert found.error is None
     assert found.end_reason in ("off_road", "time_limit")
@@ -217,8 +207,7 @@ def test_a_jump_no_vehicle_can_do_ends_the_case_also_where_touching_others_is_on
 
     far = once(lambda traci: traci.vehicle.moveTo("lead", "road_0", 4000.0))
     found = alone(lead(50.0, speed=20.0), controller=far, settings=settings)
-    assert found.end_reason == "sim_error"
-    assert "SUMO gave vehicle `lead` the place (40" in found.error
+    assert_ended(found, "sim_error", "SUMO gave vehicle `lead` the place (40")
 
 
 @pytest.mark.parametrize(
@@ -233,8 +222,7 @@ def test_a_place_that_is_not_a_number_is_sumos_error(name, answer):
         return answer
 
     found = alone(lead(50.0, speed=20.0), controller=drive)
-    assert found.end_reason == "sim_error"
-    assert f"SUMO gave vehicle `{name}` the place (" in found.error
+    assert_ended(found, "sim_error", f"SUMO gave vehicle `{name}` the place (")
     assert "nan" in found.error
     assert physical(found)
 
@@ -246,8 +234,7 @@ def test_a_native_ego_that_sumo_has_lost_in_mid_road_is_sumos_error():
     found = after_a_listener(
         lambda: libsumo.vehicle.setLateralLanePosition("ego", math.nan), "sumo:IDM"
     )
-    assert found.end_reason == "sim_error"
-    assert "SUMO gave vehicle `ego` the place (" in found.error
+    assert_ended(found, "sim_error", "SUMO gave vehicle `ego` the place (")
     assert physical(found)
 
 

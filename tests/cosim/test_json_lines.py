@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from refusals import refused
-from road_scenes import HALF_SECOND, ROAD, assert_whole, at_values, case, lead, under
+from road_scenes import HALF_SECOND, ROAD, assert_ended, at_values, case, half_second, lead, under
 from tables import rows_of, values_of
 
 from sumo_eval import Command
@@ -43,11 +43,8 @@ def test_a_shell_script_drives():
     found = shell(
         'read brief; echo "{}"; while read seen; do echo "{\\"acceleration\\": -2}"; done'
     )
-    assert_whole(found)
-    assert (
-        found.ego.speed[-1]
-        == simulate(case(lead(100.0)), lambda seen: -2.0, HALF_SECOND).ego.speed[-1]
-    )
+    assert_ended(found)
+    assert found.ego.speed[-1] == half_second(lambda seen: -2.0, lead(100.0)).ego.speed[-1]
 
 
 def test_law_every_door_drives_alike_in_a_curve():
@@ -134,7 +131,7 @@ def test_a_program_that_reads_nothing_is_ended(monkeypatch):
     """200 kB are more than a pipe holds."""
     monkeypatch.setattr(json_lines, "START_TIMEOUT", 0.3)
     ads = AdsSettings("a", "exec:sleep 60", options={"map": "x" * 200_000})
-    found = simulate(case(lead(100.0)), ads.locator, HALF_SECOND, step_timeout=0.3)
+    found = half_second(ads.locator, lead(100.0), step_timeout=0.3)
     assert found.end_reason == "ads_timeout"
     found = shell("printf '{}'; sleep 60", step_timeout=0.3)
     assert "within 0.3 s, got b'{}' without an end of line" in found.error
@@ -144,7 +141,7 @@ def test_a_script_that_the_system_cannot_start_gets_a_sentence(tmp_path, monkeyp
     (tmp_path / "ads.sh").write_bytes(b"#!/bin/sh\r\n")
     (tmp_path / "ads.sh").chmod(0o755)
     monkeypatch.chdir(tmp_path)
-    found = simulate(case(), "exec:./ads.sh", HALF_SECOND, folder=Path())  # which drops the `./`
+    found = half_second("exec:./ads.sh", folder=Path())  # which drops the `./`
     assert "ends without a carriage return" in found.error
     assert found.log == ""
     assert found.error_place == ""
@@ -194,8 +191,7 @@ read x; echo {}; read x; echo "{\"acceleration\": \"1\"}"
 )
 def test_what_is_not_an_answer_is_the_adss_error(text, sentence):
     found = shell(text)
-    assert found.end_reason == "ads_error"
-    assert sentence in found.error
+    assert_ended(found, "ads_error", sentence)
 
 
 def test_what_a_program_says_on_stderr_is_in_the_log():

@@ -12,7 +12,16 @@ from dataclasses import replace
 import libsumo
 import pytest
 from commands import python
-from road_scenes import HALF_SECOND, ROAD, case, clips_of, lead
+from road_scenes import (
+    HALF_SECOND,
+    ROAD,
+    assert_ended,
+    assert_last,
+    case,
+    clips_of,
+    half_second,
+    lead,
+)
 from tables import values_of
 
 import sumo_eval.cosim.sumo.session as session_module
@@ -57,8 +66,7 @@ def test_trap_1_a_start_that_is_not_the_requested_one_is_refused(
     assert written in text
     monkeypatch.setattr(session_module, "routes_xml", lambda *_: text.replace(written, instead))
     found = simulate(case(), lambda *_: None)
-    assert found.end_reason == "sim_error"
-    assert sentence in found.error
+    assert_ended(found, "sim_error", sentence)
 
 
 # 2 ------------------------------------------------------------------------------------------------
@@ -84,14 +92,14 @@ def test_trap_3_under_test_a_speed_mode_is_taken_back_and_recorded(mode):
         traci.vehicle.setSpeedMode(ego, mode)
         traci.vehicle.setSpeed(ego, 0.0)
 
-    found = simulate(case(), tricky, HALF_SECOND)
+    found = half_second(tricky)
     clips = clips_of(found)
     assert clips["speed_mode"].count == 10  # each of the 10 steps
     assert clips["speed_mode"].requested == mode
     assert clips["speed_mode"].applied == 6
     # that the limit was reached is on record
     assert clips["vtype_limit"].requested == pytest.approx(-9.0)
-    assert found.ego.speed[-1] == pytest.approx(20.0 - 9.0 * 0.5)
+    assert_last(found, speed=20.0 - 9.0 * 0.5)
 
 
 # 4 ------------------------------------------------------------------------------------------------
@@ -154,7 +162,7 @@ def test_trap_5_a_bad_file_quotes_sumos_log_and_keeps_the_console_clean(
     monkeypatch.undo()
     assert not list(tmp_path.iterdir())
     # the next case works
-    assert simulate(case(), lambda *_: None, HALF_SECOND).end_reason == "time_limit"
+    assert half_second(lambda *_: None).end_reason == "time_limit"
 
 
 @pytest.mark.parametrize("closed", [None, io.StringIO()])
@@ -162,7 +170,7 @@ def test_trap_5_session_starts_with_stderr_closed(monkeypatch, closed):
     if closed is not None:
         closed.close()
     monkeypatch.setattr(sys, "stderr", closed)
-    assert simulate(case(), lambda *_: None, HALF_SECOND).end_reason == "time_limit"
+    assert half_second(lambda *_: None).end_reason == "time_limit"
 
 
 def test_trap_5_stderr_works_again_after_a_session(capfd):
@@ -198,7 +206,7 @@ def test_trap_6_importing_prints_nothing_to_stdout():
 
 
 def test_trap_7_we_record_centres_and_mathematical_headings_as_commanded():
-    found = simulate(case(), lambda *_: Command(0.0, 0.2), HALF_SECOND)
+    found = half_second(lambda *_: Command(0.0, 0.2))
     assert found.ego.x[0] == 50.0
     assert found.ego.heading[0] == 0.0
     assert found.ego.heading[-1] > 0.0  # to the left
@@ -297,9 +305,9 @@ class MovesInItsLastStep:
 
 @pytest.mark.parametrize("fails, ends", [(True, "ads_error"), (False, "time_limit")])
 def test_a_move_that_no_step_carries_out_does_not_reach_the_next_case(fails, ends):
-    alone = simulate(case(lead(gap=50.0)), "no_reaction", HALF_SECOND)
-    assert simulate(case(lead(gap=50.0)), MovesInItsLastStep(fails), HALF_SECOND).end_reason == ends
-    after = simulate(case(lead(gap=50.0)), "no_reaction", HALF_SECOND)
+    alone = half_second("no_reaction", lead(gap=50.0))
+    assert half_second(MovesInItsLastStep(fails), lead(gap=50.0)).end_reason == ends
+    after = half_second("no_reaction", lead(gap=50.0))
     assert after.error is None
     assert after.end_reason == alone.end_reason
     assert after.ego.x.tobytes() == alone.ego.x.tobytes()
@@ -311,7 +319,7 @@ def test_a_move_that_no_step_carries_out_does_not_reach_the_next_case(fails, end
 def test_one_generator_a_lane_draws_what_sumos_own_64_draw(monkeypatch):
     def drives():
         for model in ("sumo:EIDM?sigmaerror=0.5", "sumo:Krauss?sigma=0.9"):
-            yield simulate(case(lead(gap=20.0, speed=15.0)), model, HALF_SECOND).ego.x.tobytes()
+            yield half_second(model, lead(gap=20.0, speed=15.0)).ego.x.tobytes()
 
     few = list(drives())
     start = libsumo.start
@@ -329,9 +337,9 @@ def test_one_generator_a_lane_draws_what_sumos_own_64_draw(monkeypatch):
 def test_files_on_disk_and_in_memory_are_the_same_case(monkeypatch):
     if not hasattr(os, "memfd_create"):
         pytest.skip("this system keeps no files in memory")
-    in_memory = simulate(case(lead(gap=20.0, speed=15.0)), "idm", HALF_SECOND)
+    in_memory = half_second("idm", lead(gap=20.0, speed=15.0))
     monkeypatch.delattr(os, "memfd_create")
-    on_disk = simulate(case(lead(gap=20.0, speed=15.0)), "idm", HALF_SECOND)
+    on_disk = half_second("idm", lead(gap=20.0, speed=15.0))
     assert on_disk.error is None
     assert in_memory.ego.x.tobytes() == on_disk.ego.x.tobytes()
 
@@ -347,7 +355,7 @@ def test_sumo_reads_numbers_the_same_in_any_locale():
         for name in ("C.UTF-8", "de_DE.UTF-8"):
             with contextlib.suppress(locale.Error):
                 locale.setlocale(locale.LC_NUMERIC, name)
-        assert simulate(case(lead(gap=50.0)), "no_reaction", HALF_SECOND).error is None
+        assert half_second("no_reaction", lead(gap=50.0)).error is None
         assert locale.setlocale(locale.LC_NUMERIC) == "C"
     finally:
         locale.setlocale(locale.LC_NUMERIC, own)

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from evaluations import settings_of
 from refusals import refusal
-from road_scenes import HALF_SECOND, ROAD, case, clips_of, lead, under
+from road_scenes import HALF_SECOND, ROAD, Watches, case, clips_of, half_second, lead, under
 
 from sumo_eval import Command, Plan
 from sumo_eval.cosim import simulate, simulate_many
@@ -90,7 +90,7 @@ def test_an_observation_is_frozen_and_worked_out_once_when_asked():
 def test_a_controller_that_takes_traci_is_shown_no_observation_and_none_is_made(monkeypatch):
     made = []
     monkeypatch.setattr(Perception, "look", lambda *_: made.append(1))
-    simulate(case(lead(50.0)), lambda traci, ego, time: None, HALF_SECOND)
+    half_second(lambda traci, ego, time: None, lead(50.0))
     assert made == []
 
 
@@ -103,9 +103,9 @@ def test_a_function_of_the_observation_or_an_object_with_act_will_do(action):
     def function(observation):
         return action
 
-    drives = [simulate(case(), ads, HALF_SECOND) for ads in (Policy, Policy(), function)]
+    drives = [half_second(ads) for ads in (Policy, Policy(), function)]
     assert {d.ego.speed[-1] for d in drives} == {
-        simulate(case(), lambda *_: Command(-2.0), HALF_SECOND).ego.speed[-1]
+        half_second(lambda *_: Command(-2.0)).ego.speed[-1]
     }
 
 
@@ -187,40 +187,29 @@ def test_every_seen_vehicle_says_what_it_is(conditions):
 
 
 def test_a_policy_over_arrays_receives_kinds_as_numbers():
-    told = []
-
-    class Policy:
-        batch = True
-
-        def act(self, seen):
-            shown = seen.vehicles.length[:, 0], seen.kinds, feature.show(seen)
-            told.append([it.tolist() for it in shown])
-            return np.zeros(len(seen.number))
-
     feature = Interface(
         (Feature("vehicles.1.kind"), Feature("vehicles.2.kind")), (Action("acceleration"),)
     )
+    policy = Watches(
+        lambda seen: (seen.vehicles.length[:, 0].tolist(), seen.kinds.tolist(), feature.show(seen))
+    )
     bicycle = Actor("bicycle", Start(150.0, 0.0, 5.0), length=1.6, width=0.65, body="bicycle")
     cases = [case(bicycle), case(lead(60.0))]
-    drives = simulate_many(cases, Policy(), SimulationSettings(time_limit=0.1))
+    drives = simulate_many(cases, policy, SimulationSettings(time_limit=0.1))
     assert {it.error for it in drives} == {None}
-    assert sorted(zip(*told[0], strict=True)) == [(1.6, [4], [4.0, -1.0]), (4.5, [0], [0.0, -1.0])]
+    lengths, kinds, features = policy.shown[0]
+    assert sorted(zip(lengths, kinds, features.tolist(), strict=True)) == [
+        (1.6, [4], [4.0, -1.0]),
+        (4.5, [0], [0.0, -1.0]),
+    ]
 
 
 def first_features(concrete, names, **absent):
     """Values of features at the first step of a drive."""
     table = Interface(tuple(Feature(it, **absent) for it in names), (Action("acceleration"),))
-    shown = []
-
-    class Policy:
-        batch = True
-
-        def act(self, seen):
-            shown.extend(table.show(seen).tolist())
-            return np.zeros(len(seen.number))
-
-    assert simulate(concrete, Policy(), SimulationSettings(time_limit=0.1)).error is None
-    return shown[0]
+    policy = Watches(lambda seen: table.show(seen).tolist()[0])
+    assert simulate(concrete, policy, SimulationSettings(time_limit=0.1)).error is None
+    return policy.shown[0]
 
 
 def test_features_without_their_vehicle_have_the_stated_values():
@@ -427,14 +416,8 @@ def test_numbers_stay_with_their_vehicles():
 
 
 def test_law_no_policy_sees_a_vehicle_that_has_left_the_road():
-    shown = []
-
-    class Arrays:
-        batch = True
-
-        def act(self, seen):
-            shown.append((seen.time, np.isfinite(seen.vehicles.x).any()))
-            return np.zeros(len(seen.number))
+    arrays = Watches(lambda seen: (seen.time, np.isfinite(seen.vehicles.x).any()))
+    shown = arrays.shown
 
     def single(seen):
         shown.append((seen.time, bool(seen.vehicles)))
@@ -443,7 +426,7 @@ def test_law_no_policy_sees_a_vehicle_that_has_left_the_road():
     leaver = case(Actor("gone", Start(280.0, 0.0, 20.0)))
     short = replace(leaver, road=replace(ROAD, length=300.0, run_out=0.0))
     limits = ConditionSettings(sensor_range=500.0)
-    for policy, conditions in ((Arrays(), None), (single, None), (single, limits)):
+    for policy, conditions in ((arrays, None), (single, None), (single, limits)):
         shown.clear()
         settings = SimulationSettings(time_limit=2.0, conditions=conditions or ConditionSettings())
         assert simulate(short, policy, settings).error is None
@@ -452,17 +435,9 @@ def test_law_no_policy_sees_a_vehicle_that_has_left_the_road():
 
 
 def test_lead_over_arrays_is_neutral_where_there_is_no_vehicle():
-    shown = []
-
-    class Arrays:
-        batch = True
-
-        def act(self, seen):
-            shown.append([getattr(seen.lead, name)[0] for name in ("speed", "offset", "gap")])
-            return np.zeros(1)
-
-    simulate(case(), Arrays(), SimulationSettings(time_limit=0.1))
-    assert shown[0] == [20.0, 0.0, math.inf]
+    policy = Watches(lambda seen: (seen.lead.speed, seen.lead.offset, seen.lead.gap))
+    simulate(case(), policy, SimulationSettings(time_limit=0.1))
+    assert policy.shown[0] == (20.0, 0.0, math.inf)
 
 
 @pytest.mark.parametrize(

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from road_scenes import HALF_SECOND, case, clips_of, lead
+from road_scenes import HALF_SECOND, assert_as_alone, assert_last, case, clips_of, half_second, lead
 
 from sumo_eval import Command, Plan
 from sumo_eval.cosim import simulate, simulate_many
@@ -69,7 +69,7 @@ def slower(seen):
 def test_a_lane_change_is_tracked_within_two_centimetres_and_the_worst_error_is_on_record():
     found = simulate(case(), once(to_the_left), LONG)
     assert found.error is None
-    assert found.ego.y[-1] == pytest.approx(3.5, abs=1e-4)
+    assert_last(found, 1e-4, y=3.5)
     error = clips_of(found)["plan_error"]
     assert error.count == 240
     assert error.requested == 0.0
@@ -84,7 +84,7 @@ def test_a_speed_profile_is_tracked_and_the_plans_end_is_on_record():
     found = simulate(case(), once(slower), LONG)
     at = dict(zip(found.ego.time.round(6).tolist(), found.ego.x.tolist(), strict=True))
     assert at[7.0] - 50.0 == pytest.approx(115.0, abs=0.05)
-    assert found.ego.speed[-1] == pytest.approx(10.0, abs=0.01)
+    assert_last(found, 0.01, speed=10.0)
     # the last point is at 9 s: the steps from 9.05 s to 11.95 s, 59 of them, are driven straight on
     assert clips_of(found)["plan_ended"].count == 59
     assert clips_of(found)["plan_ended"].requested == 9.0
@@ -94,7 +94,7 @@ def test_who_is_behind_the_plan_catches_up():
     ahead = once(lambda seen: Plan([0.0, 20.0], [seen.ego.x + 2.0, seen.ego.x + 402.0], [0.0, 0.0]))
     found = simulate(case(), ahead, LONG)
     assert clips_of(found)["plan_error"].applied == pytest.approx(2.0)
-    assert found.ego.x[-1] == pytest.approx(50.0 + 2.0 + 240.0, abs=0.01)
+    assert_last(found, 0.01, x=50.0 + 2.0 + 240.0)
 
 
 def test_a_plan_holds_until_it_is_replaced_and_any_other_answer_replaces_it():
@@ -103,7 +103,7 @@ def test_a_plan_holds_until_it_is_replaced_and_any_other_answer_replaces_it():
             return to_the_left(seen)
         return None if seen.time < 0.19 else -2.0
 
-    found = simulate(case(), act, HALF_SECOND)
+    found = half_second(act)
     assert clips_of(found)["plan_error"].count == 4
     assert found.ego.acceleration[-1] == -2.0
 
@@ -115,21 +115,19 @@ def test_a_plan_that_was_replaced_does_not_come_back(other):
             return to_the_left(seen)
         return other if seen.time < 0.06 else None
 
-    assert "got None" in simulate(case(), act, HALF_SECOND).error
+    assert "got None" in half_second(act).error
 
 
 def test_nothing_to_hold_is_an_error():
-    assert "must be a Command" in simulate(case(), lambda seen: None, HALF_SECOND).error
+    assert "must be a Command" in half_second(lambda seen: None).error
 
 
 def test_alone_and_beside_others_a_plan_is_driven_to_the_same_bits():
     cases = [case(lead(gap)) for gap in (150.0, 170.0, 200.0)]
-    together = list(simulate_many(cases, once(to_the_left), LONG))
-    alone = [simulate(concrete, once(to_the_left), LONG) for concrete in cases]
-    for one, two in zip(together, alone, strict=True):
-        assert one.ego.y.tolist() == two.ego.y.tolist()
-        assert one.clips == two.clips
-        assert one.error is None
+    ads = once(to_the_left)
+    together = list(simulate_many(cases, ads, LONG))
+    assert [one.error for one in together] == [None] * 3
+    assert_as_alone(cases, together, ads, LONG)
 
 
 @pytest.mark.parametrize(
@@ -178,7 +176,7 @@ def test_a_meaningless_value_fails_its_case_alone(plan, sentence):
     assert error.startswith(sentence)
     assert error.endswith("at 0.00 s.")
     assert found[1].error is None
-    hook = simulate(case(lead(100.0)), lambda traci, ego, time: plan, HALF_SECOND)
+    hook = half_second(lambda traci, ego, time: plan, lead(100.0))
     assert hook.error == error
 
 
@@ -187,21 +185,18 @@ def test_a_wanted_speed_is_taken_up_by_the_stated_first_order_law():
     slow = replace(LONG, tracker=TrackerSettings(speed_time=2.0))
     found = simulate(case(), lambda seen: Command(speed=19.0), slow)
     assert found.ego.acceleration[1:4].max() < 0.0
-    assert found.ego.speed[-1] == pytest.approx(19.0, abs=0.01)
+    assert_last(found, 0.01, speed=19.0)
     left = found.ego.speed[21:41:10] - 19.0
     assert left[1] / left[0] == pytest.approx(0.975**20, rel=1e-4)  # the brakes let go at 60 m/s3
-    found = simulate(case(), lambda seen: Command(speed=-5.0), HALF_SECOND)
+    found = half_second(lambda seen: Command(speed=-5.0))
     assert clips_of(found)["negative_speed"].requested == -5.0
 
 
 def test_pedals_are_shares_of_what_the_vehicle_can_do():
     # brake 0.5 of 9 m/s2; steer -0.01 of 540 deg
-    found = simulate(case(), lambda seen: Command.pedals(0.0, 0.5, -0.01), HALF_SECOND)
-    assert found.ego.acceleration[-1] == pytest.approx(-4.5)
-    assert found.ego.steering_wheel_angle[-1] == pytest.approx(math.radians(-5.4))
-    assert simulate(case(), lambda seen: Command.pedals(0.25), HALF_SECOND).ego.acceleration[
-        -1
-    ] == pytest.approx(1.0)
+    found = half_second(lambda seen: Command.pedals(0.0, 0.5, -0.01))
+    assert_last(found, acceleration=-4.5, steering_wheel_angle=math.radians(-5.4))
+    assert_last(half_second(lambda seen: Command.pedals(0.25)), acceleration=1.0)
 
 
 def test_a_command_takes_an_acceleration_or_a_speed():
@@ -224,8 +219,8 @@ def test_a_command_takes_an_acceleration_or_a_speed():
 def test_a_program_may_answer_so_too(answer, python):
     line = json.dumps(answer).replace('"', '\\"')
     text = f'exec:sh -c \'read x; echo "{{}}"; while read x; do echo "{line}"; done\''
-    found = simulate(case(), text, HALF_SECOND, step_timeout=5.0)
+    found = half_second(text, step_timeout=5.0)
     assert found.error is None
-    expected = simulate(case(), python, HALF_SECOND)
+    expected = half_second(python)
     for channel in ("speed", "y"):
         assert getattr(found.ego, channel).tolist() == getattr(expected.ego, channel).tolist()

@@ -7,19 +7,15 @@ import time as clock
 from pathlib import Path
 
 import pytest
-from road_scenes import HALF_SECOND, case
+from road_scenes import HALF_SECOND, case, need_sumo
 
 from sumo_eval.cosim.doors.traci_program import sumo_binary
 from sumo_eval.cosim.sumo.private_server import LOOPBACK, PrivateServer, Relay
 from sumo_eval.cosim.sumo.session import command_line
-from sumo_eval.errors import InputError
 
 if sys.platform != "linux":
     pytest.skip("the kernel's table of sockets is Linux's", allow_module_level=True)
-try:
-    sumo_binary()
-except InputError as error:
-    pytest.skip(str(error), allow_module_level=True)
+need_sumo()
 
 LISTENS = "0A"
 

@@ -10,10 +10,9 @@ from pathlib import Path
 
 import pytest
 from refusals import refusal
-from road_scenes import HALF_SECOND, case, lead
+from road_scenes import half_second, lead
 from tables import values_of
 
-from sumo_eval.cosim import simulate
 from sumo_eval.cosim.doors.controller import load_controller
 
 if "REFERENCE_FMUS" not in os.environ:
@@ -36,7 +35,7 @@ TYPES = {
 def test_feedthrough_gives_back_what_it_is_given_in_every_type(file, kind):
     """-2 in, -2 m/s2 out; all its other inputs keep their start values."""
     locator = f"fmu:{file}?inputs.{kind}_input=-2&inputs.*=start&outputs.acceleration={kind}_output"
-    found = simulate(case(lead(80.0)), locator, HALF_SECOND, folder=FOLDER)
+    found = half_second(locator, lead(80.0), folder=FOLDER)
     assert found.error is None, found.log
     assert found.ego.acceleration[-1] == -2.0
 
@@ -44,7 +43,7 @@ def test_feedthrough_gives_back_what_it_is_given_in_every_type(file, kind):
 def test_feedthrough_takes_texts_truth_and_enumerations_beside():
     given = "Boolean_input=true&inputs.Enumeration_input=2&inputs.String_input='hello'&inputs.Binary_input=abc"
     locator = f"fmu:3.0/Feedthrough.fmu?inputs.{given}&inputs.*=start&outputs.acceleration=Enumeration_output"
-    found = simulate(case(), locator, HALF_SECOND, folder=FOLDER)
+    found = half_second(locator, folder=FOLDER)
     assert found.error is None, found.log
     assert found.ego.acceleration[-1] == 2.0
 
@@ -61,18 +60,13 @@ def test_feedthrough_takes_texts_truth_and_enumerations_beside():
     """),
 )
 def test_models_without_inputs_drive_too(version, name, output):
-    found = simulate(
-        case(),
-        f"fmu:{version}/{name}.fmu?outputs.acceleration={output}",
-        HALF_SECOND,
-        folder=FOLDER,
-    )
+    found = half_second(f"fmu:{version}/{name}.fmu?outputs.acceleration={output}", folder=FOLDER)
     assert found.error is None, found.log
 
 
 def test_a_state_space_takes_an_array():
     locator = "fmu:3.0/StateSpace.fmu?inputs.u=objects_gap&inputs.*=start&outputs.acceleration=y[0]"
-    assert simulate(case(lead(80.0)), locator, HALF_SECOND, folder=FOLDER).error is None
+    assert half_second(locator, lead(80.0), folder=FOLDER).error is None
 
 
 def test_clocks_is_refused_for_what_it_is():

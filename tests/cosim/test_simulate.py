@@ -12,7 +12,18 @@ import pytest
 from commands import python
 from laid import lay
 from refusals import refused
-from road_scenes import HALF_SECOND, ROAD, assert_whole, case, clips_of, every_point, lead, once
+from road_scenes import (
+    ROAD,
+    assert_ended,
+    assert_last,
+    case,
+    clear_drive,
+    clips_of,
+    every_point,
+    half_second,
+    lead,
+    once,
+)
 from tables import rows_of, values_of
 
 import sumo_eval.cosim.sumo.session as session_module
@@ -31,6 +42,7 @@ from sumo_eval.scenario import (
 )
 from sumo_eval.scenario.touch import Body, widest_gap
 from sumo_eval.settings import SimulationSettings
+from sumo_eval.trajectory import Collision
 
 CUT_OUT = catalogue.load("front_vehicle_cut_out")
 
@@ -49,27 +61,21 @@ def brake(traci, ego, time):
 def test_it_ends_in_contact_at_the_very_instant():
     # 20 m/s, 31.4 m to a standing car: 1.57 s, between two steps of 0.05 s
     found = simulate(case(lead(gap=31.4)), nothing)
-    assert found.error is None
-    assert found.end_reason == "contact"
-    assert found.collision.time == pytest.approx(1.57)
-    hit = found.collision
-    assert hit.other == "lead"
-    assert hit.side == "front"
-    assert hit.overlap == 1.0
-    assert hit.ego_velocity == (20.0, 0.0)
-    assert hit.other_velocity == (0.0, 0.0)
-    assert hit.ego_pose == (pytest.approx(81.4), 0.0, 0.0)
+    assert_ended(found, "contact")
+    poses = (pytest.approx(81.4), 0.0, 0.0), (pytest.approx(85.9), 0.0, 0.0)
+    assert found.collision == Collision(
+        pytest.approx(1.57), "lead", (20.0, 0.0), (0.0, 0.0), 1.0, "front", *poses
+    )
     assert found.ego.time[-1] == found.simulated_time == pytest.approx(1.57)
-    assert found.ego.x[-1] == pytest.approx(81.4)
+    assert_last(found, x=81.4)
 
 
 def test_it_ends_at_a_standstill_of_two_seconds():
-    found = simulate(case(), brake)
+    found = clear_drive(case(), brake)
     assert found.end_reason == "standstill"
     # below 0.1 m/s after 0.075 + 19.9/9 = 2.286 s: the first such step ends at 2.30 s, the 40th (2
     # s) at 4.25 s
     assert found.simulated_time == pytest.approx(4.25)
-    assert found.collision is None
 
 
 @pytest.mark.parametrize(
@@ -122,15 +128,14 @@ def test_a_slow_reset_is_not_a_slow_step():
         def step(self, traci, ego, time):
             return None
 
-    found = simulate(case(), Slow(), HALF_SECOND, step_timeout=0.45)
+    found = half_second(Slow(), step_timeout=0.45)
     assert found.end_reason == "time_limit"
     assert found.controller_latency[1] < 0.45
 
 
 def test_it_ends_in_a_sim_error_when_sumo_refuses_the_start():
     found = simulate(case(speed=70.0), nothing)  # above the ego's top speed of 60 m/s
-    assert found.end_reason == "sim_error"
-    assert "Departure speed for vehicle 'ego' is too high" in found.error
+    assert_ended(found, "sim_error", "Departure speed for vehicle 'ego' is too high")
     assert found.ego.speed[0] == 70.0  # what was asked for is kept
 
 
@@ -143,8 +148,7 @@ def test_it_ends_in_a_sim_error_when_sumo_shows_the_ego_elsewhere(monkeypatch, d
     )
     monkeypatch.setattr(calls, "moveToXY", askew)
     found = simulate(case(), lambda *_: Command(0.0))
-    assert found.end_reason == "sim_error"
-    assert "SUMO put the ego's front bumper at" in found.error
+    assert_ended(found, "sim_error", "SUMO put the ego's front bumper at")
 
 
 def test_of_two_bodies_hit_in_one_step_the_first_one_counts():
@@ -191,7 +195,7 @@ def test_answers_for_every_name_do_not_hide_a_step():
         def step(self, traci, ego, time):
             return Command(-2.0)
 
-    recording = simulate(case(), Answers, HALF_SECOND)
+    recording = half_second(Answers)
     assert recording.error is None
     assert recording.ego.speed[-1] < recording.ego.speed[0]
 
@@ -210,8 +214,8 @@ def test_a_module_and_name(tmp_path, monkeypatch):
         "def drive(traci, ego, time):\n    traci.vehicle.setSpeed(ego, 5.0)\n"
     )
     monkeypatch.syspath_prepend(tmp_path)
-    found = simulate(case(), "an_ads_package_for_tests:drive", HALF_SECOND)
-    assert found.ego.speed[-1] == pytest.approx(15.5)
+    found = half_second("an_ads_package_for_tests:drive")
+    assert_last(found, speed=15.5)
 
 
 def test_a_file_and_name_relative_to_a_folder_with_its_neighbours(tmp_path, own_path):
@@ -222,8 +226,8 @@ def test_a_file_and_name_relative_to_a_folder_with_its_neighbours(tmp_path, own_
         "    def step(self, traci, ego, time):\n"
         "        traci.vehicle.setSpeed(ego, SPEED)\n"
     )
-    found = simulate(case(), "my_ads.py:MyAds", HALF_SECOND, folder=tmp_path)
-    assert found.ego.speed[-1] == pytest.approx(15.5)
+    found = half_second("my_ads.py:MyAds", folder=tmp_path)
+    assert_last(found, speed=15.5)
 
 
 @pytest.mark.parametrize(
@@ -277,21 +281,14 @@ def test_the_same_file_has_the_same_module_name_in_every_process(tmp_path, own_p
     assert len(names) == 1
 
 
-@pytest.mark.parametrize(
-    "answer, sentence",
-    [
-        (-3.0, "must return a Command, Pedals, a Plan or None, got float"),
-        ((-3.0, 0.0), "must return a Command, Pedals, a Plan or None, got tuple"),
-        (True, "must return a Command, Pedals, a Plan or None, got bool"),
-    ],
-)
-def test_an_answer_that_is_not_a_command_is_the_adss_error(answer, sentence):
+@pytest.mark.parametrize("answer", [-3.0, (-3.0, 0.0), True])
+def test_an_answer_that_is_not_a_command_is_the_adss_error(answer):
     found = simulate(case(), lambda traci, ego, time: answer if time > 0.21 else Command(0.0))
-    assert found.end_reason == "ads_error"
-    assert sentence in found.error
+    sentence = "must return a Command, Pedals, a Plan or None, got "
+    assert_ended(found, "ads_error", sentence + type(answer).__name__)
     assert "at 0.25 s" in found.error
     # what was driven until then is kept, to the instant
-    assert found.ego.time[-1] == pytest.approx(0.25)
+    assert_last(found, time=0.25)
 
 
 class Faulty:
@@ -321,15 +318,14 @@ class Faulty:
 @pytest.mark.parametrize("where", ["reset", "step", "close"])
 def test_an_ads_that_raises_ends_its_case_only(where, error):
     ads = Faulty(where, error)
-    found = simulate(case(), ads, HALF_SECOND)
-    assert found.end_reason == "ads_error"
-    assert type(error).__name__ in found.error
+    found = half_second(ads)
+    assert_ended(found, "ads_error", type(error).__name__)
     assert ".." not in found.error
     assert type(error).__name__ in found.log
     assert "test_simulate.py" in found.log  # the traceback, for whoever wrote it
     assert ads.closed == 1
     assert not libsumo.simulation.isLoaded()
-    assert found.ego.time[-1] == pytest.approx(0.5 if where == "close" else 0.0)
+    assert_last(found, time=0.5 if where == "close" else 0.0)
 
 
 def test_a_collision_is_kept_when_the_ads_then_raises_in_close():
@@ -343,7 +339,7 @@ def test_a_collision_is_kept_when_the_ads_then_raises_in_close():
 def test_a_keyboard_interrupt_passes_and_leaves_nothing_running(where):
     ads = Faulty(where, KeyboardInterrupt())
     with pytest.raises(KeyboardInterrupt):
-        simulate(case(), ads, HALF_SECOND)
+        half_second(ads)
     assert ads.closed == 1
     assert not libsumo.simulation.isLoaded()
 
@@ -379,11 +375,10 @@ def test_an_ads_that_takes_over_the_simulation_is_stopped_and_the_next_case_work
         return answer
 
     found = simulate(case(lead(gap=50.0)), ads)
-    assert found.end_reason == "ads_error"
-    assert sentence in found.error
-    assert found.ego.time[-1] == pytest.approx(0.3)
+    assert_ended(found, "ads_error", sentence)
+    assert_last(found, time=0.3)
     assert not libsumo.simulation.isLoaded()
-    assert simulate(case(), nothing, HALF_SECOND).end_reason == "time_limit"
+    assert half_second(nothing).end_reason == "time_limit"
 
 
 @pytest.mark.parametrize(
@@ -425,10 +420,8 @@ def test_taking_over_in_reset_is_named_before_a_step(call, sentence):
     ],
 )
 def test_set_speed_is_kept_to_the_vehicles_limits(speed_at, acceleration, clips):
-    found = simulate(
-        case(), lambda traci, ego, time: traci.vehicle.setSpeed(ego, speed_at(time)), HALF_SECOND
-    )
-    assert found.ego.speed[-1] == pytest.approx(20.0 + 0.5 * acceleration)
+    found = half_second(lambda traci, ego, time: traci.vehicle.setSpeed(ego, speed_at(time)))
+    assert_last(found, speed=20.0 + 0.5 * acceleration)
     assert found.ego.acceleration == pytest.approx([0.0, *[acceleration] * 5])
     assert {clip.what: clip.count for clip in found.clips} == clips
 
@@ -465,9 +458,8 @@ def test_motion_that_no_vehicle_can_do_is_the_adss_error(trick, sentence):
         trick(traci.vehicle)
 
     found = simulate(case(), once(ads))
-    assert found.end_reason == "ads_error"
-    assert sentence in found.error
-    assert found.ego.time[-1] == pytest.approx(0.3)
+    assert_ended(found, "ads_error", sentence)
+    assert_last(found, time=0.3)
 
 
 def test_an_ads_with_its_own_vehicle_dynamics_may_use_move_to_xy_with_a_set_speed():
@@ -477,10 +469,10 @@ def test_an_ads_with_its_own_vehicle_dynamics_may_use_move_to_xy_with_a_set_spee
         traci.vehicle.setSpeed(ego, v)
         traci.vehicle.moveToXY(ego, "", -1, x, 0.2 * now, 90.0 - math.degrees(0.2 / v), 2)
 
-    found = simulate(case(), own, HALF_SECOND)
-    assert_whole(found)
-    assert found.ego.speed[-1] == pytest.approx(18.5)
-    assert found.ego.y[-1] == pytest.approx(0.1 - 2.25 * 0.2 / 18.5, abs=1e-3)
+    found = half_second(own)
+    assert_ended(found)
+    assert_last(found, speed=18.5)
+    assert_last(found, 1e-3, y=0.1 - 2.25 * 0.2 / 18.5)
 
 
 def changes_to(lane):
@@ -494,7 +486,7 @@ def test_change_lane_takes_the_lane_change_duration():
     # 3.5 m at 0.875 m/s for 4 s: the front bumper crosses half way at 0.5 + 2 s; the angle lags a
     # little
     assert np.interp(1.75, found.ego.y, found.ego.time) == pytest.approx(2.5, abs=0.15)
-    assert found.ego.y[-1] == pytest.approx(3.5, abs=1e-3)
+    assert_last(found, 1e-3, y=3.5)
     # never faster than a tenth of a second's share
     assert np.abs(np.diff(found.ego.y)).max() < 0.0875 * 1.3
     assert found.clips == ()
@@ -515,8 +507,7 @@ def test_change_lane_takes_the_lane_change_duration():
 def test_a_lane_change_by_sumo_is_driving_at_any_speed(speed, y, lane):
     eight = SimulationSettings(time_limit=8.0)
     found = simulate(case(speed=speed, y=y), changes_to(lane), eight)
-    assert found.error is None
-    assert found.end_reason == "time_limit"
+    assert_ended(found)
     assert found.clips == ()
     assert np.abs(np.diff(found.ego.heading)).max() < 0.2
 
@@ -528,21 +519,19 @@ def test_braking_while_sumo_changes_lane_is_within_the_limits():
             traci.vehicle.setSpeed(ego, 0.0)
 
     found = simulate(case(), ads)
-    assert found.error is None
-    assert found.end_reason == "standstill"
+    assert_ended(found, "standstill")
     assert found.ego.acceleration.min() == pytest.approx(-9.0)
 
 
 @pytest.mark.parametrize("model", ["sumo:IDM", "sumo:krauss", "sumo:EIDM"])
 def test_sumos_own_models_drive_the_ego_and_keep_to_its_speed(model):
     free = simulate(case(), model, SimulationSettings(time_limit=8.0))
-    assert free.error is None
-    assert free.end_reason == "time_limit"
+    assert_ended(free)
     assert np.all(np.isnan(free.ego.steering_wheel_angle))
     assert free.ego.speed.max() < 20.5  # not the road's limit of 60 m/s
     behind = simulate(case(lead(gap=60.0, speed=10.0)), model)
     assert behind.end_reason == "road_end"
-    assert behind.ego.speed[-1] == pytest.approx(10.0, abs=0.5)
+    assert_last(behind, 0.5, speed=10.0)
     assert behind.ego.acceleration.min() > -5.0
 
 
@@ -550,7 +539,7 @@ def test_a_native_model_has_its_attributes():
     gentle = simulate(
         case(), NativeModel("Krauss", {"desiredMaxSpeed": "30"}), SimulationSettings(time_limit=8.0)
     )
-    assert gentle.ego.speed[-1] == pytest.approx(30.0, abs=0.1)
+    assert_last(gentle, 0.1, speed=30.0)
     assert gentle.ego.acceleration.max() == pytest.approx(2.6)  # SUMO's default for a car
 
 
@@ -566,7 +555,7 @@ def test_commands_and_traci_may_take_turns():
         return Command(1.0)
 
     found = simulate(case(), ads, SimulationSettings(time_limit=3.0))
-    assert_whole(found)
+    assert_ended(found)
     assert found.clips[0].what == "acceleration_rate"
     # 20 - 2*1 + 2*2/(2*60) = 18.0333: kept by SUMO, then +1 m/s2 for 1 s less a rise of 0.1 s at 10
     # m/s3: 0.95 m/s
@@ -590,9 +579,7 @@ def test_a_body_left_to_sumo_at_an_angle_snaps_to_the_lane_and_that_is_recorded(
 
 
 def test_clips_keep_count_first_time_and_worst_request():
-    found = simulate(
-        case(), lambda traci, ego, time: Command(-20.0 if time > 0.12 else -10.0), HALF_SECOND
-    )
+    found = half_second(lambda traci, ego, time: Command(-20.0 if time > 0.12 else -10.0))
     clip = clips_of(found)["acceleration"]
     assert clip.count == 10
     assert clip.first_time == 0.0
@@ -676,12 +663,6 @@ def test_steps_and_samples_that_do_not_fit_are_refused(settings, sentence):
 # --- laws -----------------------------------------------------------------------------------------
 
 
-def test_law_the_same_case_gives_the_same_recording():
-    one, two = (simulate(case(lead(gap=35.0, speed=5.0)), "sumo:EIDM") for _ in range(2))
-    assert np.array_equal(one.ego.x, two.ego.x)
-    assert np.array_equal(one.ego.speed, two.ego.speed)
-
-
 @pytest.mark.parametrize("gap", [15.0, 20.0, 24.0, 26.0])
 def test_law_halving_the_step_hardly_changes_the_impact_speed(gap):
     # the ego brakes from 20 m/s towards a standing car: v^2 = 19.325^2 - 2*9*(gap - 2.96625),
@@ -754,9 +735,7 @@ TEN = SimulationSettings(time_limit=10.0)
     ["sumo:CC", "sumo:cc?tauEngine=0.3", "sumo:CACC?gapControlGainGap=0.5", "sumo:EIDM?jerkmax=2"],
 )
 def test_a_model_follows_a_slower_vehicle_without_a_contact(model):
-    found = simulate(case(lead(60.0, speed=10.0)), model, SimulationSettings(time_limit=30.0))
-    assert found.error is None
-    assert found.collision is None
+    found = clear_drive(case(lead(60.0, speed=10.0)), model, SimulationSettings(time_limit=30.0))
     assert found.ego.speed[-1] < 13.0
 
 
@@ -816,5 +795,5 @@ def test_what_steps_read_has_few_enough_attributes_to_be_fast():
         hook = sys._getframe(1).f_locals["self"]
         counts.update(len(vars(it)) for it in (hook, hook._world))
 
-    simulate(case(), ads, HALF_SECOND)
+    half_second(ads)
     assert max(counts) <= 29  # CPython 3.11 keeps so many beside an object, more in a dictionary

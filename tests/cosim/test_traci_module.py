@@ -13,7 +13,18 @@ from operator import attrgetter
 import libsumo
 import numpy as np
 import pytest
-from road_scenes import HALF_SECOND, ROAD, assert_whole, case, clips_of, lead, once, under
+from road_scenes import (
+    HALF_SECOND,
+    ROAD,
+    assert_ended,
+    assert_last,
+    case,
+    clips_of,
+    half_second,
+    lead,
+    once,
+    under,
+)
 from tables import rows_of
 from traci._vehicle import VehicleDomain
 from traci._vehicletype import VehicleTypeDomain
@@ -40,7 +51,7 @@ def counts(recording):
 
 def ads_file(folder, text):
     (folder / "script.py").write_text(text)
-    return simulate(case(lead(50.0)), "script.py:drive", HALF_SECOND, folder=folder)
+    return half_second("script.py:drive", lead(50.0), folder=folder)
 
 
 def test_code_that_imports_traci_drives_the_running_simulation(tmp_path, own_path):
@@ -52,8 +63,8 @@ def test_code_that_imports_traci_drives_the_running_simulation(tmp_path, own_pat
         "    try:\n        traci.vehicle.getSpeed('nobody')\n    except TraCIException:\n"
         "        traci.vehicle.setSpeed('ego', 15.0)\n",
     )
-    assert_whole(found)
-    assert found.ego.speed[-1] == pytest.approx(20.0 - 0.5 * 9.0)
+    assert_ended(found)
+    assert_last(found, speed=20.0 - 0.5 * 9.0)
 
 
 def test_an_import_is_the_running_simulation_only_while_driving():
@@ -64,8 +75,8 @@ def test_an_import_is_the_running_simulation_only_while_driving():
 
         traci.vehicle.setSpeed(ego, 15.0)
 
-    assert simulate(case(), drive, HALF_SECOND).ego.speed[-1] == pytest.approx(15.5)
-    simulate(case(), lambda traci, ego, time: 1 / 0, HALF_SECOND)
+    assert_last(half_second(drive), speed=15.5)
+    half_second(lambda traci, ego, time: 1 / 0)
     assert sys.modules["traci"] is before
 
 
@@ -105,11 +116,11 @@ class Script:
 
 def test_a_step_listener_is_a_controller_and_is_called_every_step():
     listener = Listener()
-    found = simulate(case(), listener, HALF_SECOND)
+    found = half_second(listener)
     assert found.error is None
     assert listener.calls == 10
     assert listener.cleaned == 1
-    assert found.ego.speed[-1] == pytest.approx(19.0)
+    assert_last(found, speed=19.0)
 
 
 def test_a_listener_that_a_script_adds_is_called_each_step_until_it_says_no():
@@ -118,10 +129,10 @@ def test_a_listener_that_a_script_adds_is_called_each_step_until_it_says_no():
             return super().step(t) and self.calls < 4
 
     listener = Until()
-    simulate(case(), Script(listener), HALF_SECOND)
+    half_second(Script(listener))
     assert listener.calls == 4
     assert listener.cleaned == 1
-    simulate(case(), lambda traci, ego, time: None, HALF_SECOND)
+    half_second(lambda traci, ego, time: None)
     assert listener.calls == 4  # gone with its case
 
 
@@ -156,12 +167,11 @@ TOUCHES = [
 
 @pytest.mark.parametrize("action, sentence", TOUCHES)
 def test_who_touches_what_is_not_the_egos_is_refused_or_put_on_record(action, sentence):
-    found = simulate(case(lead(50.0)), once(action), HALF_SECOND)
-    assert found.end_reason == "ads_error"
-    assert f"The ADS called traci.{sentence} at 0.30 s" in found.error
-    assert found.ego.time[-1] == pytest.approx(0.3)
+    found = half_second(once(action), lead(50.0))
+    assert_ended(found, "ads_error", f"The ADS called traci.{sentence} at 0.30 s")
+    assert_last(found, time=0.3)
     found = simulate(case(lead(50.0)), once(action), RECORD)
-    assert_whole(found)
+    assert_ended(found)
     assert counts(found)["touched_" + sentence.partition(".")[0]] == 1
 
 
@@ -172,7 +182,7 @@ def test_a_refused_call_has_no_effect_and_cannot_be_swallowed():
         except Exception:  # noqa: BLE001 - as such scripts do
             return Command(0.0)
 
-    found = simulate(case(lead(50.0, speed=20.0)), sly, HALF_SECOND)
+    found = half_second(sly, lead(50.0, speed=20.0))
     assert "The ADS called traci.vehicle.setSpeed for `lead` at 0.00 s" in found.error
 
 
@@ -193,8 +203,8 @@ def test_stepping_and_closing_on_record_are_left_out(action):
 
 
 def test_nothing_that_one_case_did_is_counted_in_the_next():
-    simulate(case(lead(50.0)), once(TOUCHES[0][0]), HALF_SECOND)
-    found = simulate(case(lead(50.0)), lambda traci, ego, time: None, HALF_SECOND)
+    half_second(once(TOUCHES[0][0]), lead(50.0))
+    found = half_second(lambda traci, ego, time: None, lead(50.0))
     assert found.error is None
     assert found.clips == ()
     assert GUARD.touched == {}
@@ -207,16 +217,14 @@ def test_the_egos_own_type_and_new_types_are_the_adss():
         traci.vehicletype.setTau("like_the_lead", 0.7)
         traci.vehicle.setColor("ego", (1, 2, 3, 255))
 
-    found = simulate(case(lead(50.0)), once(own), HALF_SECOND)
+    found = half_second(once(own), lead(50.0))
     assert found.error is None
     assert counts(found) == {"ignored_traci_call": 1}
 
 
 def test_bypassing_the_door_is_noticed_at_the_other_vehicle():
-    found = simulate(
-        case(lead(50.0, speed=20.0)),
-        once(lambda traci: libsumo.vehicle.setSpeed("lead", 1.0)),
-        HALF_SECOND,
+    found = half_second(
+        once(lambda traci: libsumo.vehicle.setSpeed("lead", 1.0)), lead(50.0, speed=20.0)
     )
     assert "actor_off_its_script" in counts(found)
     remove, one = once(lambda traci: libsumo.vehicle.remove("lead")), case(lead(50.0))
@@ -229,11 +237,7 @@ def test_bypassing_the_door_is_noticed_at_the_other_vehicle():
 
 def test_the_clock_of_sumo_is_a_step_ahead_of_what_is_seen():
     ahead = []
-    simulate(
-        case(),
-        lambda traci, ego, time: ahead.append(traci.simulation.getTime() - time),
-        HALF_SECOND,
-    )
+    half_second(lambda traci, ego, time: ahead.append(traci.simulation.getTime() - time))
     assert ahead == pytest.approx([HALF_SECOND.step] * len(ahead))
     assert ahead
 
@@ -252,8 +256,8 @@ def test_a_call_beside_a_command_is_dropped_and_recorded(write):
             write(traci, ego)
         return Command(-1.0, 0.0)
 
-    both = simulate(case(), drive, HALF_SECOND)
-    alone = simulate(case(), lambda traci, ego, time: Command(-1.0, 0.0), HALF_SECOND)
+    both = half_second(drive)
+    alone = half_second(lambda traci, ego, time: Command(-1.0, 0.0))
     assert counts(both) == {"dropped_traci_call": round(0.1 / HALF_SECOND.step) + 1}
     assert counts(alone) == {}
     assert is_same(both, alone)
@@ -261,7 +265,7 @@ def test_a_call_beside_a_command_is_dropped_and_recorded(write):
 
 def test_calls_without_a_command_are_not_dropped():
     call = once(lambda traci: traci.vehicle.setSpeed("ego", 19.9))
-    assert counts(simulate(case(), call, HALF_SECOND)) == {}
+    assert counts(half_second(call)) == {}
 
 
 ALWAYS = tomllib.loads("""
@@ -483,7 +487,7 @@ def test_what_sumo_takes_in_silence_ends_the_case_with_call_and_argument(
         found.error
         == f"The ADS called traci.vehicle.{call} with {argument} at 0.30 s; it must be {rule}."
     )
-    assert found.ego.time[-1] == pytest.approx(0.3)
+    assert_last(found, time=0.3)
 
 
 @pytest.mark.parametrize("text", TEXTS)
@@ -548,7 +552,7 @@ def test_what_can_be_meant_goes_through(call):
     if "ego" not in (*args, *named.values()):
         args, name = ["ego", *args], f"vehicle.{name}"
     write = once(lambda traci: attrgetter(name)(traci)(*args, **named))
-    assert_whole(simulate(case(lead(200.0)), write, replace(HALF_SECOND, time_limit=0.4)))
+    assert_ended(simulate(case(lead(200.0)), write, replace(HALF_SECOND, time_limit=0.4)))
 
 
 class Sly(Command):
@@ -597,9 +601,9 @@ def test_a_command_that_is_not_finite_is_the_adss_error(value, field):
     [1, 1.0, np.float32(1.0), np.float64(1.0), np.int64(1), np.uint8(1), Fraction(1, 1)],
 )
 def test_a_command_of_any_real_number_drives_as_the_float(value):
-    found = simulate(case(), lambda traci, ego, time: Command(value, 0 * value), HALF_SECOND)
-    meant = simulate(case(), lambda traci, ego, time: Command(1.0, 0.0), HALF_SECOND)
-    assert_whole(found)
+    found = half_second(lambda traci, ego, time: Command(value, 0 * value))
+    meant = half_second(lambda traci, ego, time: Command(1.0, 0.0))
+    assert_ended(found)
     assert found.ego.x.tobytes() == meant.ego.x.tobytes()
 
 
@@ -623,7 +627,7 @@ def test_an_action_that_is_not_finite_is_the_adss_error(action):
 
 
 def test_commands_as_large_as_floats_get_are_clipped_and_on_record():
-    found = simulate(case(), lambda traci, ego, time: Command(-1.7e308, 1.7e308), HALF_SECOND)
+    found = half_second(lambda traci, ego, time: Command(-1.7e308, 1.7e308))
     assert found.error is None
     clips = clips_of(found)
     assert clips["acceleration"].requested == -1.7e308

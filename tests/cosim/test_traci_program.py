@@ -4,19 +4,24 @@ import sys
 
 import pytest
 from refusals import refusal
-from road_scenes import HALF_SECOND, assert_whole, at_values, case, clips_of, lead
+from road_scenes import (
+    HALF_SECOND,
+    assert_ended,
+    at_values,
+    case,
+    clips_of,
+    half_second,
+    lead,
+    need_sumo,
+)
 from tables import in_campaign
 
 from sumo_eval.cosim import simulate
 from sumo_eval.cosim.doors.controller import load_controller
-from sumo_eval.cosim.doors.traci_program import sumo_binary
 from sumo_eval.errors import InputError
 from sumo_eval.settings import SimulationSettings
 
-try:
-    sumo_binary()
-except InputError as error:
-    pytest.skip(str(error), allow_module_level=True)
+need_sumo()
 
 DRIVE = """
 def drive(traci, ego):
@@ -111,7 +116,7 @@ def test_an_entry_names_the_type_of_the_vehicle_that_a_client_drives(tmp_path):
     (tmp_path / "client.py").write_text(sees)
     locator = f"traci:{sys.executable} client.py?options.vehicle_type="
     named = locator + '{"carFollowModel": "IDM", "tau": 2.5}'
-    assert "tau 2.5" in simulate(case(), named, HALF_SECOND, folder=tmp_path, step_timeout=10.0).log
+    assert "tau 2.5" in half_second(named, folder=tmp_path, step_timeout=10.0).log
     for wrong, sentence in (
         ('{"length": 2}', "Unknown vType parameter `length`"),
         ('{"carFollowModel": "IDMX"}', r"Did you mean `IDMM?`\?"),
@@ -127,8 +132,7 @@ def test_a_client_that_hangs_is_ended(tmp_path):
         'drive(traci, "ego")', "time.sleep(60)"
     )
     found = run(tmp_path, hangs, step_timeout=0.5)
-    assert found.end_reason == "ads_timeout"
-    assert "each within 0.5 s; it was ended." in found.error
+    assert_ended(found, "ads_timeout", "each within 0.5 s; it was ended.")
 
 
 def test_a_client_that_moves_another_vehicle_is_noticed(tmp_path):
@@ -175,8 +179,9 @@ def test_a_client_that_makes_a_vehicles_place_no_number_gives_up(tmp_path, vehic
         f"        traci.vehicle.setLateralLanePosition('{vehicle}', float('nan'))\n"
     )
     found = run(tmp_path, CLIENT)
-    assert found.end_reason == "ads_error"
-    assert f"program is responsible: SUMO gave vehicle `{vehicle}` the place (nan" in found.error
+    assert_ended(
+        found, "ads_error", f"program is responsible: SUMO gave vehicle `{vehicle}` the place (nan"
+    )
 
 
 def test_a_clients_own_subscriptions_are_its_own_to_make_and_to_end(tmp_path):
@@ -191,7 +196,7 @@ def test_a_clients_own_subscriptions_are_its_own_to_make_and_to_end(tmp_path):
         "    if traci.simulation.getTime() > 0.2:\n"
         "        traci.vehicle.unsubscribe(ego)\n"
     )
-    assert_whole(run(tmp_path, CLIENT))
+    assert_ended(run(tmp_path, CLIENT))
 
 
 OPENINGS = (
@@ -242,15 +247,12 @@ while True:
         time.sleep(5)
 """
     found = run(tmp_path, text)
-    assert found.end_reason == "ads_error"
-    assert "must set its order to 2 after it has connected" in found.error
+    assert_ended(found, "ads_error", "must set its order to 2 after it has connected")
 
 
 def test_the_programs_python_is_the_environments(tmp_path, monkeypatch):
     monkeypatch.delenv("VIRTUAL_ENV", raising=False)
     monkeypatch.setenv("PATH", "/usr/bin:/bin")
     (tmp_path / "client.py").write_text("import sys, traci\nprint('by', sys.prefix)\n")
-    found = simulate(
-        case(), "traci:python client.py", HALF_SECOND, folder=tmp_path, step_timeout=10.0
-    )
+    found = half_second("traci:python client.py", folder=tmp_path, step_timeout=10.0)
     assert f"by {sys.prefix}" in found.log

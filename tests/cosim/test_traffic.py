@@ -6,7 +6,7 @@ from importlib import import_module
 
 import numpy as np
 import pytest
-from road_scenes import clips_of, scenario_of
+from road_scenes import assert_as_alone, clear_drive, clips_of, scenario_of
 
 from sumo_eval.cosim import simulate, simulate_many
 from sumo_eval.scenario.concrete import Actor, ConcreteScenario, Model, Road, Start
@@ -45,9 +45,8 @@ def brakes(observation):
 @pytest.mark.parametrize("model", ["Krauss", "IDM", "EIDM"])
 def test_a_vehicle_behind_brakes_for_the_ego_and_begins_one_step_later(model):
     settings = SimulationSettings(time_limit=12.0, record_interval=0.05)
-    found = simulate(scene(rear(model, gap=40.0)), brakes, settings)
+    found = clear_drive(scene(rear(model, gap=40.0)), brakes, settings)
     follower = found.actors["rear"]
-    assert found.collision is None
     assert follower.speed[-1] < 6.0
     calm = simulate(scene(rear(model, gap=40.0)), "no_reaction", settings).actors["rear"]
     count = min(len(calm), len(follower))
@@ -117,11 +116,10 @@ def test_law_reacting_traffic_has_the_same_bits_in_any_batch():
     ]
     for who in ("idm", "lane_changer", "no_reaction"):
         alone = [simulate(case, who, TWENTY) for case in cases]
-        packed = list(simulate_many(cases, who, TWENTY))
-        turned = list(simulate_many(cases[::-1], who, TWENTY))[::-1]
         assert not any(it.error for it in alone)
-        assert all(map(Recording.same_drive, alone, packed))
-        assert all(map(Recording.same_drive, alone, turned))
+        for order in (1, -1):
+            together = simulate_many(cases[::order], who, TWENTY)
+            assert all(map(Recording.same_drive, alone[::order], together))
 
 
 def test_law_cases_with_other_numbers_of_vehicles_between_them_have_the_bits_that_they_have_alone(
@@ -217,13 +215,7 @@ vehicle = [
 
     cases = [logical.concrete(v=float(v)) for v in (10, 14, 20, 25, 30)]
     for who in ("idm", "lane_changer", "ideal_braking"):
-        assert all(
-            map(
-                Recording.same_drive,
-                [simulate(case, who) for case in cases],
-                simulate_many(cases, who),
-            )
-        )
+        assert_as_alone(cases, simulate_many(cases, who), who)
 
 
 @pytest.mark.parametrize("begin", [0.2, 0.27])

@@ -11,6 +11,7 @@ import pytest
 from laid import replace_in
 from onnx import TensorProto, helper, numpy_helper
 from refusals import refusal
+from road_scenes import assert_last
 
 import sumo_eval.gym
 from sumo_eval.cosim import simulate, simulate_many
@@ -91,7 +92,7 @@ def test_a_model_drives_as_its_arithmetic_says(tmp_path):
     assert recording.error is None
     by_hand = simulate(CUT_OUT.concrete(**POINT), rule, SHORT)
     assert recording.end_reason == by_hand.end_reason
-    assert recording.ego.x[-1] == pytest.approx(by_hand.ego.x[-1], abs=1e-2)
+    assert_last(recording, 1e-2, x=by_hand.ego.x[-1])
     assert np.ptp(recording.ego.speed) > 2.0
 
 
@@ -116,7 +117,7 @@ def test_a_model_made_for_one_row_drives_too(tmp_path):
     for kind in ({"rows": 1}, {"kind": TensorProto.DOUBLE}):
         one = driven(deep(tmp_path / "one", **kind))
         assert one.error is None
-        assert one.ego.x[-1] == pytest.approx(usual_one.ego.x[-1], abs=1e-2)
+        assert_last(one, 1e-2, x=usual_one.ego.x[-1])
 
 
 def test_what_is_seen_in_learning_is_seen_in_an_evaluation(tmp_path):
@@ -155,7 +156,7 @@ def test_a_model_chooses_from_a_discrete_set(tmp_path, index):
         onnx.save(model, path)
     recording = driven(path, SimulationSettings(time_limit=1.0))
     assert recording.error is None
-    assert recording.ego.speed[-1] == pytest.approx(POINT["ego_speed"] - 2.0, abs=0.2)
+    assert_last(recording, 0.2, speed=POINT["ego_speed"] - 2.0)
 
 
 def test_a_period_holds_each_answer(tmp_path):

@@ -11,14 +11,13 @@ import pytest
 from commands import program
 from lxml import etree
 from refusals import refused
-from road_scenes import scenario_of
+from road_scenes import central_case, scenario_of
 from tables import rows_of
 
 from sumo_eval.cosim.sumo.sumo_files import network_xml, road_edges, routes_xml, vehicle_edges
 from sumo_eval.method.compared_drives import slice_points
 from sumo_eval.report.page_data import drawn_shape
 from sumo_eval.scenario import catalogue
-from sumo_eval.scenario.sampling.samples import central_point
 from sumo_eval.settings import VehicleSettings
 
 SHAPED = [name for name in catalogue.SCENARIOS if catalogue.load(name).road.shaped]
@@ -115,9 +114,8 @@ def test_lanes_that_open_and_end_follow_a_curve():
 
 @pytest.mark.parametrize("name", SHAPED)
 def test_sumo_opens_the_network_of_a_shipped_scenario_and_drives_its_routes(name, tmp_path):
-    logical = catalogue.load(name)
-    concrete = logical.concretes(central_point(logical)[None])[0]
-    (tmp_path / "n.xml").write_text(network_xml(logical.road))
+    concrete = central_case(name)
+    (tmp_path / "n.xml").write_text(network_xml(concrete.road))
     (tmp_path / "r.xml").write_text(routes_xml(concrete, VehicleSettings()))
     sumo = Path(sys.executable).with_name("sumo")
     if not sumo.exists():

@@ -8,6 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from refusals import refusal
+from road_scenes import drawn_points
 from scenario.test_scenario_file import EXAMPLE
 
 from sumo_eval.method.point_criticality import exact_target
@@ -22,11 +23,6 @@ PLAIN = catalogue.load("cut_in")
 
 def with_run_up(acceleration):
     return catalogue.load(f"cut_in?lateral_acceleration={acceleration!r}")
-
-
-def points(count, seed):
-    drawn = PLAIN.from_unit(np.random.default_rng(seed).random((8 * count, 4)))
-    return drawn[PLAIN.feasible(drawn)][:count]
 
 
 # --- a move whose speed builds up -----------------------------------------------------------------
@@ -102,7 +98,7 @@ def test_gap_and_distance_across_are_those_when_the_lateral_speed_is_reached():
 
 def test_the_zone_of_a_point_is_that_without_the_run_up():
     """Ideal braking begins with the overlap, until which both drive on as they were."""
-    drawn = points(300, 3)
+    drawn = drawn_points(PLAIN, 300, 3)
     for acceleration in (0.5, 1.5, 20.0):
         plain, run_up = (
             exact_target(each, drawn, ZoneSettings()) for each in (PLAIN, with_run_up(acceleration))
@@ -113,7 +109,7 @@ def test_the_zone_of_a_point_is_that_without_the_run_up():
 
 def test_law_the_faster_the_run_up_the_nearer_it_is_to_none():
     """The run-up lasts v/a and the other is v^2 / 2a further to the left: both go to 0 with 1/a."""
-    for row in points(30, 4):
+    for row in drawn_points(PLAIN, 30, 4):
         values = dict(zip(PLAIN.names, row, strict=True))
         (plain,) = PLAIN.concrete(**values).actors
         for acceleration in (10.0, 1e3, 1e6):

@@ -14,7 +14,7 @@ import pytest
 from laid import replace_in
 from lxml import etree
 from refusals import refusal, refused
-from road_scenes import at_values
+from road_scenes import assert_ended, assert_last, at_values, clear_drive
 from tables import rows_of, values_of
 
 from sumo_eval.cosim import simulate, simulate_many
@@ -113,7 +113,7 @@ def test_a_case_on_a_turned_network_is_the_same_case(network):
     ours, theirs = simulate(concrete, "careful_driver"), simulate(there, "careful_driver")
     assert theirs.error is None
     assert theirs.end_reason == ours.end_reason
-    assert theirs.ego.x[-1] == pytest.approx(ours.ego.x[-1], abs=0.05)
+    assert_last(theirs, 0.05, x=ours.ego.x[-1])
     assert simulate(there, "lane_changer").error is None
 
 
@@ -290,8 +290,7 @@ def test_law_no_joint_of_edges_holds_an_ego_up(tmp_path, begin, way):
     there = replace(LED, road=read_road(path, ["m", "n"], 400.0), actors=())
     for driver in ("no_reaction", "sumo:IDM", lambda traci, ego, time: None):
         found = simulate(there, driver)
-        assert found.error is None
-        assert found.end_reason == "road_end"
+        assert_ended(found, "road_end")
         assert found.clips == ()
         assert found.ego.speed.min() > 9.99
 
@@ -318,8 +317,7 @@ def test_a_vehicle_at_the_end_of_the_network_leaves_it(tmp_path):
     ):
         for driver in drivers:
             found = simulate(one, driver)
-            assert found.error is None
-            assert found.end_reason == "road_end"
+            assert_ended(found, "road_end")
             (left,) = [clip for clip in found.clips if clip.what == "actor_left_the_network"]
             if one is case:
                 assert left.applied == pytest.approx(11.05, abs=0.051)
@@ -439,9 +437,7 @@ def test_traffic_reacts_on_a_straight_network_too(network, tmp_path):
         "40.0\n"
         'manoeuvre = [{ do = "follow", model = "IDM" }]\n'
     )
-    chased = simulate(read_scenario(tmp_path / "chased.toml").concrete(v=20.0), "no_reaction")
-    assert chased.error is None
-    assert chased.collision is None
+    chased = clear_drive(read_scenario(tmp_path / "chased.toml").concrete(v=20.0), "no_reaction")
     assert chased.actors["rear"].speed.min() < 25.0
 
 

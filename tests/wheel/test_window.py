@@ -11,6 +11,7 @@ from contextlib import asynccontextmanager
 
 import pytest
 from refusals import refusal
+from road_scenes import assert_ended
 
 websockets = pytest.importorskip("websockets")
 from unpaced import UnpacedWindow  # noqa: E402
@@ -262,8 +263,7 @@ def test_a_drive_through_the_window_is_the_same_driver_at_the_door_to_the_bit(pa
 
 def test_quitting_ends_the_drive(path):
     recording, _ = finish(path, 12)
-    assert recording.end_reason == "quit"
-    assert recording.error is None
+    assert_ended(recording, "quit")
     assert len(read_tape(path).rows) == 12
     assert again(path).same is True
     assert read_tape(path).end["error"] == "quit"
