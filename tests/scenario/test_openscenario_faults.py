@@ -71,12 +71,17 @@ def speed_change(n, when, to, seconds, priority="overwrite"):
 
 
 SELF = '<RelativeTargetLane entityRef="Other" value="{}"/>'
-BY_GAP = """<ByEntityCondition><TriggeringEntities triggeringEntitiesRule="any"><EntityRef entityRef="{one}"/>
+BY_ENTITY = """<ByEntityCondition><TriggeringEntities triggeringEntitiesRule="any"><EntityRef entityRef="{one}"/>
 </TriggeringEntities><EntityCondition>{condition}</EntityCondition></ByEntityCondition>"""
 GAP = """<RelativeDistanceCondition entityRef="{other}" relativeDistanceType="longitudinal" freespace="true"
 rule="lessThan" value="30"/>"""
 SOON = '<ByValueCondition><SimulationTimeCondition value="3" rule="lessThan"/></ByValueCondition>'
 SLOW = '<SpeedCondition rule="lessThan" value="3" direction="lateral"/>'
+
+
+def by(condition, one="Ego", other="Other"):
+    """A condition on an entity, and on another one."""
+    return BY_ENTITY.format(one=one, condition=condition.format(other=other))
 
 
 def when(condition, more=""):
@@ -111,8 +116,7 @@ EVENTS = {
         speed_change(1, 0.0, 5.0, 6.0) + speed_change(2, 2.0, 20.0, 3.0)
     ),
     r"<SpeedActionDynamics>: `value` must be above 0, got -3": (
-        when(BY_GAP.format(one="Ego", condition=GAP.format(other="Other")))
-        + speed_change(2, 8.0, 5.0, -3.0)
+        when(by(GAP)) + speed_change(2, 8.0, 5.0, -3.0)
     ),
     r"<LongitudinalDistanceAction>: `distance` must be at least 0, got -30": timed(
         '<LongitudinalAction><LongitudinalDistanceAction entityRef="Ego" distance="-30" '
@@ -132,16 +136,16 @@ EVENTS = {
         + speed_change(2, 2.0, 20.0, 3.0, "skip").replace('"time"', '"rate"')
     ),
     r"<Condition>: a condition on the drive is not supported together with a time until which": when(
-        BY_GAP.format(one="Ego", condition=GAP.format(other="Other")), SOON
+        by(GAP), SOON
     ),
     r"<SimulationTimeCondition>: the time grows, so `lessThan` never has the edge `rising`": (
         when(SOON).replace('Edge="none"', 'Edge="rising"')
     ),
     r"<SpeedCondition>: `direction` must be longitudinal to be supported, got 'lateral'": when(
-        BY_GAP.format(one="Other", condition=SLOW)
+        by(SLOW, one="Other")
     ),
     r"<RelativeDistanceCondition>: entity `Nobody` is not among Ego, Other": when(
-        BY_GAP.format(one="Ego", condition=GAP.format(other="Nobody"))
+        by(GAP, other="Nobody")
     ),
 }
 

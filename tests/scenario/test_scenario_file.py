@@ -83,6 +83,20 @@ obstacle = "lead"
 """
 
 
+def at_25(logical):
+    """An ego at 25 m/s behind a truck at 10 m/s."""
+    return logical.concrete(ego_speed=25.0, truck_speed=10.0)
+
+
+@pytest.fixture
+def short(tmp_path, monkeypatch):
+    """The file of a short road, from its own folder."""
+    monkeypatch.chdir(tmp_path)
+    path = Path("short.toml")
+    path.write_text(SHORT.replace("SPEED", "4.0"))
+    return path
+
+
 @pytest.mark.parametrize(
     "speed, words", [("4.0", "after 57.5 s"), ("0.0", ""), ('"v"', "after 16.5 s at v=14")]
 )
@@ -106,7 +120,7 @@ def test_the_documented_example_is_short_and_is_checked_sampled_and_driven(file)
         check_file(file)[1] == "Its own sample has 12 possible points; constraints refuse 3 more."
     )
     logical = catalogue.find("slow_truck.toml", file.parent)
-    concrete = logical.concrete(ego_speed=25.0, truck_speed=10.0)
+    concrete = at_25(logical)
     # 2 s * 25 m/s = 50 m from bumper to bumper, both 4.5 m long
     assert concrete.actors[0].start.x - concrete.ego.x == pytest.approx(54.5)
     assert concrete.actors[0].speed(2.0) == pytest.approx(10.0 - 4.0)
@@ -245,7 +259,7 @@ def test_an_option_is_a_number_that_expressions_know_and_another_scenario_where_
         catalogue.find(f"slow_truck.toml{use}", file.parent) for use in ("", "?reaction=2.5")
     )
     for logical, begin in ((plain, 1.0), (given, 2.5)):
-        (truck,) = logical.concrete(ego_speed=25.0, truck_speed=10.0).actors
+        (truck,) = at_25(logical).actors
         assert truck.braking.begin == begin
     assert plain.name == "slow_truck"
     assert given.name == "slow_truck_later"
@@ -272,7 +286,7 @@ def test_options_without_an_own_table_are_named_in_order(file):
     )
     both = catalogue.find("slow_truck.toml?second=3&first=-0.5", file.parent)
     assert both.name == "slow_truck_first_second"
-    assert both.concrete(ego_speed=25.0, truck_speed=10.0).actors[0].braking.begin == 2.5
+    assert at_25(both).actors[0].braking.begin == 2.5
 
 
 def test_a_sample_is_rows_in_other_units_at_each_value_with_the_rest_worked_out(file):
@@ -311,12 +325,12 @@ def test_a_file_that_declares_no_exposure_has_none(file):
 def test_what_builds_up_may_be_there_at_once_and_nothing_else_is_endless(file):
     sideways = '{ do = "move_sideways", speed = 1.0, offset = 3.5, acceleration = "1.0 / 0.0" }'
     file.write_text(EXAMPLE.replace('{ do = "brake", begin = 1.0, deceleration = 4.0 }', sideways))
-    (truck,) = read_scenario(file).concrete(ego_speed=25.0, truck_speed=10.0).actors
+    (truck,) = at_25(read_scenario(file)).actors
     assert truck.lateral_speed(0.0) == 1.0
     assert truck.y(1.0) == 1.0
     replace_in(file, "speed = 1.0, offset", 'speed = "1.0 / 0.0", offset')
     with refusal(r"speed of `move_sideways` of vehicle `truck` = `1.0 / 0.0` of scenario"):
-        read_scenario(file).concrete(ego_speed=25.0, truck_speed=10.0)
+        at_25(read_scenario(file))
 
 
 def test_all_mistakes_of_a_kind_are_named_at_once(file):
@@ -368,12 +382,11 @@ UNITS = ["km/h", "kph", "mph", "kmh", "KM/H", "knots", "ft/s", "furlong", "m/s p
 
 
 @pytest.mark.parametrize("unit", UNITS)
-def test_a_speed_in_other_units_is_never_driven_as_m_s(tmp_path, unit):
+def test_a_speed_in_other_units_is_never_driven_as_m_s(short, unit):
     """8 km/h = 2.22222 m/s; a fuzz of units, of which none may come to a scenario."""
-    path = tmp_path / "short.toml"
-    path.write_text(SHORT.replace("SPEED", "4.0").replace('unit = "m/s"', f'unit = "{unit}"'))
+    replace_in(short, 'unit = "m/s"', f'unit = "{unit}"')
     with refusal(r"nit of parameter `v`|nit `.*` of parameter `v`") as refused:
-        read_scenario(path)
+        read_scenario(short)
     assert unit != "km/h" or "low = 2.22222" in str(refused.value)
 
 
@@ -389,11 +402,10 @@ x = 280.0 | x = 5.0 | must be beyond the ego's start, x = 10 m, got 5.0
 [ego] | [[ego]] | write [ego], with one bracket
 """),
 )
-def test_what_is_often_written_gets_the_sentence_that_helps(tmp_path, monkeypatch, old, new, words):
-    monkeypatch.chdir(tmp_path)
-    Path("short.toml").write_text(SHORT.replace("SPEED", "4.0").replace(old, new))
+def test_what_is_often_written_gets_the_sentence_that_helps(short, old, new, words):
+    replace_in(short, old, new)
     with refused(words):
-        check_file(Path("short.toml"))
+        check_file(short)
 
 
 @pytest.mark.parametrize(
@@ -406,12 +418,11 @@ def test_what_is_often_written_gets_the_sentence_that_helps(tmp_path, monkeypatc
     "v (s)", None
     """),
 )
-def test_points_of_a_table_come_in_the_unit_of_its_head(tmp_path, header, low):
+def test_points_of_a_table_come_in_the_unit_of_its_head(short, tmp_path, header, low):
     """36 km/h = 10 m/s, within 8..14; 36 m/s is not."""
-    (tmp_path / "short.toml").write_text(SHORT.replace("SPEED", "4.0"))
-    (tmp_path / "points.csv").write_text(f"{header}\n36\n")
+    Path("points.csv").write_text(f"{header}\n36\n")
     wanted = Request(file="points.csv", folder=tmp_path)
-    logical = read_scenario(tmp_path / "short.toml")
+    logical = read_scenario(short)
     if low == 10.0:
         assert sample(logical, "file", request=wanted).points.tolist() == [[10.0]]
     else:
@@ -419,9 +430,7 @@ def test_points_of_a_table_come_in_the_unit_of_its_head(tmp_path, header, low):
             sample(logical, "file", request=wanted)
 
 
-def test_a_vehicle_that_left_stands_in_row_and_report(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    Path("short.toml").write_text(SHORT.replace("SPEED", "4.0"))
+def test_a_vehicle_that_left_stands_in_row_and_report(short):
     evaluation = {"name": "left", "scenario": [{"use": "short.toml"}], "drivers": {"count": 2}}
     done = sumo_eval.evaluate(evaluation, "run", ads=["idm"])
     assert {case.status for case in done.cases} == {"ok"}
