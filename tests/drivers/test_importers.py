@@ -23,24 +23,25 @@ NO_ANGLE = (
 )
 
 
-def _plain(path):
+def plain_table():
     """Two cars on the same road in this project's own layout."""
     time = np.round(np.arange(0.0, 3.0, 0.1), 3)
-    rows = [
-        {
-            "recording": "r",
-            "vehicle": name,
-            "t": t,
-            "x": x0 + 20.0 * t,
-            "y": 0.1,
-            "length": 4.5,
-            "width": 1.8,
-        }
-        for name, x0 in (("a", 0.0), ("b", 50.0))
-        for t in time
-    ]
-    pd.DataFrame(rows).to_csv(path, index=False)
+    about = {"recording": "r", "y": 0.1, "length": 4.5, "width": 1.8}
+    cars = (pd.DataFrame({"vehicle": name, "t": time, "x": x0 + 20.0 * time}).assign(**about)
+            for name, x0 in (("a", 0.0), ("b", 50.0)))  # fmt: skip
+    return pd.concat(cars)[OWN.strip().split(",")]
+
+
+def plain_file(path):
+    """A file of that table."""
+    plain_table().to_csv(path, index=False)
     return path
+
+
+def imported(folder, table):
+    """What is imported of a table in this project's own layout."""
+    table.to_csv(folder / "table.csv", index=False)
+    return import_recordings("csv", [folder / "table.csv"])
 
 
 @needs_recordings
@@ -250,7 +251,7 @@ def test_levelx_facts_that_cannot_be_used_are_refused(tmp_path):
 
 
 def test_the_own_table_comes_back_as_it_was_written(tmp_path):
-    first = import_recordings("csv", [_plain(tmp_path / "plain.csv")])
+    first = import_recordings("csv", [plain_file(tmp_path / "plain.csv")])
     write_csv(first, tmp_path / "again.csv.gz")
     assert (tmp_path / "again.csv.gz").stat().st_mode == (tmp_path / "plain.csv").stat().st_mode
     again = read_csv(tmp_path / "again.csv.gz")
@@ -261,37 +262,32 @@ def test_the_own_table_comes_back_as_it_was_written(tmp_path):
 
 
 def test_a_hole_in_a_track_makes_two_tracks_and_is_said(tmp_path):
-    table = pd.read_csv(_plain(tmp_path / "plain.csv"))
+    table = plain_table()
     hole = (table["vehicle"] == "b") | (table["t"] < 1.0) | (table["t"] > 1.95)
-    table[hole].assign(drivers="x").to_csv(tmp_path / "hole.csv", index=False)
-    found = import_recordings("csv", [tmp_path / "hole.csv"])
+    found = imported(tmp_path, table[hole].assign(drivers="x"))
     assert sorted(found.table["vehicle"].unique()) == ["a", "a#2", "b"]
     assert any("1 holes" in note for note in found.notes)
     assert found.notes[0].endswith("Did you mean `driver`?")
-    table[hole].replace({"vehicle": {"b": "a#2"}}).to_csv(tmp_path / "names.csv", index=False)
-    named = import_recordings("csv", [tmp_path / "names.csv"]).table
+    named = imported(tmp_path, table[hole].replace({"vehicle": {"b": "a#2"}})).table
     assert named.groupby("vehicle").size().to_dict() == {"a": 10, "a##2": 10, "a#2": 30}
     jumps = table.assign(x=table["x"] + 40.0 * ((table["vehicle"] == "a") & (table["t"] > 1.0)))
-    jumps.to_csv(tmp_path / "jumps.csv", index=False)
-    found = import_recordings("csv", [tmp_path / "jumps.csv"])
+    found = imported(tmp_path, jumps)
     assert found.notes[0].startswith("1 jumps in tracks, as of an id that is used again")
     assert found.table.groupby("vehicle").size().to_dict() == {"a": 11, "a#2": 19, "b": 30}
     assert found.table["speed"].to_numpy() == pytest.approx(20.0)
     slow = table[table["vehicle"] == "a"].assign(t=lambda rows: np.round(5.0 * rows["t"] + 0.1, 3))
-    slow.to_csv(tmp_path / "slow.csv", index=False)
-    assert import_recordings("csv", [tmp_path / "slow.csv"]).vehicles == 1, "2 Hz have no holes"
+    assert imported(tmp_path, slow).vehicles == 1, "2 Hz have no holes"
 
 
 def test_noise_of_positions_is_no_wrong_heading(tmp_path):
     """1.2 m from sample to sample, across steps of 2 m."""
-    table = pd.read_csv(_plain(tmp_path / "plain.csv"))
+    table = plain_table()
     table["y"] += np.resize([0.6, -0.6], len(table))
-    table.to_csv(tmp_path / "noisy.csv", index=False)
-    assert import_recordings("csv", [tmp_path / "noisy.csv"]).table["heading"].abs().median() < 1e-6
+    assert imported(tmp_path, table).table["heading"].abs().median() < 1e-6
 
 
 def test_events_report_what_no_event_can_have(tmp_path):
-    table = pd.read_csv(_plain(tmp_path / "plain.csv")).assign(**{"class": "Car "})
+    table = plain_table().assign(**{"class": "Car "})
     odd = table[table["vehicle"] == "a"].assign(vehicle="c", **{"class": "tank"})
     back = table[table["vehicle"] == "a"].assign(vehicle="d", x=-20.0 * odd["t"])
     pd.concat([table, table[:3], odd, back]).to_csv(tmp_path / "odd.csv", index=False)
@@ -373,7 +369,7 @@ def test_a_damaged_file_gets_one_sentence_and_nothing_half_imported_stays(
 
 @pytest.mark.parametrize("form", ["csv", "map"])
 def test_identifiers_are_text_whatever_it_is(tmp_path, form):
-    text = _plain(tmp_path / "plain.csv").read_text()
+    text = plain_file(tmp_path / "plain.csv").read_text()
     (tmp_path / "digits.csv").write_text(text.replace("r,a,", "01,NA,").replace("r,b,", "01,07,"))
     table = import_recordings(form, [tmp_path / "digits.csv"]).table
     assert set(table["vehicle"]) == {"NA", "07"}
@@ -417,7 +413,7 @@ def test_openacc_reads_a_marked_file_with_other_speeds(tmp_path):
 
 @pytest.mark.parametrize("rate", [10, 20, 25])
 def test_a_lane_is_that_of_the_nearest_sample(tmp_path, rate):
-    table = pd.read_csv(_plain(tmp_path / "plain.csv"))
+    table = plain_table()
     time = np.arange(2 * rate + 1) / rate
     table = table.iloc[:1].drop(columns="t").merge(pd.DataFrame({"t": time}), how="cross")
     table = table.assign(
@@ -429,14 +425,14 @@ def test_a_lane_is_that_of_the_nearest_sample(tmp_path, rate):
 
 
 def test_one_bad_file_among_good_ones_imports_nothing(tmp_path):
-    good = _plain(tmp_path / "good.csv")
+    good = plain_file(tmp_path / "good.csv")
     (tmp_path / "bad.csv").write_text(good.read_text().replace("r,b,1.0,", "r,b,when,"))
     with refusal(r"`t` in row \d+ of .*bad\.csv must be a number, got 'when'"):
         import_recordings("csv", [good, tmp_path / "bad.csv"])
 
 
 def test_files_of_a_folder_are_read_one_by_one_when_they_are_asked_for(tmp_path):
-    good = _plain(tmp_path / "1.csv")
+    good = plain_file(tmp_path / "1.csv")
     (tmp_path / "2.csv").write_text(good.read_text().replace("r,b,1.0,", "r,b,when,"))
     parts = each_of("map", [tmp_path])
     assert next(parts).vehicles == 2

@@ -33,7 +33,7 @@ LOGICAL = catalogue.load("front_vehicle_low_speed")
 MOTORWAY = sorted(file for name, file in scenario_files().items() if name.startswith("motorway_"))
 
 
-def write_people(path, speeds, *, seconds=60.0, same_driver=(), lead_step=0.0, side=1):
+def write_people(folder, speeds, *, seconds=60.0, same_driver=(), lead_step=0.0, side=1):
     """A recording for each speed: somebody at it approaches a leader at 15 m/s (or faster by up to
     two steps), and overtakes at 12 s.
 
@@ -48,6 +48,7 @@ def write_people(path, speeds, *, seconds=60.0, same_driver=(), lead_step=0.0, s
         parts.append(pd.concat([ego, lead]).assign(recording=f"r{number}", driver=driver))
     table = pd.concat(parts, ignore_index=True)
     table["lane"] = np.round(table["y"] / 3.75).astype(int) + (side < 0)
+    path = folder / "people.csv"
     write_csv(Recordings(table), path)
     return path
 
@@ -67,7 +68,7 @@ def found_in(settings, folder):
 def test_drives_begin_at_the_egos_start_and_lateral_moves_are_stretched_to_the_scenarios_lane(
     tmp_path,
 ):
-    found = found_in(settings_for(write_people(tmp_path / "people.csv", [25.0])), tmp_path)
+    found = found_in(settings_for(write_people(tmp_path, [25.0])), tmp_path)
     (drive,) = found.drives
     assert drive.time[0] == 0.0
     assert drive.x[0] == CONCRETE.ego.x
@@ -80,17 +81,17 @@ def test_drives_begin_at_the_egos_start_and_lateral_moves_are_stretched_to_the_s
 
 
 def test_only_events_within_the_tolerance_count_nearest_first(tmp_path):
-    path = write_people(tmp_path / "people.csv", [25.0, 23.0, 26.0, 30.0])
+    path = write_people(tmp_path, [25.0, 23.0, 26.0, 30.0])
     assert found_in(settings_for(path), tmp_path).names == ("r0/ego", "r2/ego", "r1/ego")
     narrow = settings_for(path, tolerance={"ego_speed": 0.5})
     assert found_in(narrow, tmp_path).names == ("r0/ego",)
 
 
 def test_a_driver_counts_once_and_a_recording_that_ends_too_early_does_not(tmp_path):
-    path = write_people(tmp_path / "people.csv", [25.0, 24.5, 25.5], same_driver=(0, 1))
+    path = write_people(tmp_path, [25.0, 24.5, 25.5], same_driver=(0, 1))
     assert len(found_in(settings_for(path), tmp_path).drives) == 2
     # 10 s of 550 m at 25 m/s, in the same file, which is read again once it has changed
-    write_people(path, [25.0], seconds=20.0)
+    write_people(tmp_path, [25.0], seconds=20.0)
     short = found_in(settings_for(path), tmp_path)
     assert not short.drives
     share = 25.0 * 9.9 / (CONCRETE.road.length - CONCRETE.ego.x)
@@ -98,7 +99,7 @@ def test_a_driver_counts_once_and_a_recording_that_ends_too_early_does_not(tmp_p
 
 
 def test_a_recorded_drive_that_leaves_the_road_does_not_count(tmp_path):
-    path = write_people(tmp_path / "people.csv", [25.0], side=-1)
+    path = write_people(tmp_path, [25.0], side=-1)
     assert found_in(settings_for(path), tmp_path) == Reference(left_out=(math.inf,))
 
 
@@ -151,7 +152,7 @@ def test_recorded_people_without_a_recording_are_refused(tmp_path):
         open_people(DriverSettings(source="recorded"), tmp_path)
     with refusal("There is no file"):
         open_people(DriverSettings(source="recorded", recordings=("nobody.csv",)), tmp_path)
-    path = write_people(tmp_path / "people.csv", [25.0])
+    path = write_people(tmp_path, [25.0])
     with refusal("different names, got 'r0' twice"):
         open_people(settings_for(path, recordings=(path.name, path.name)), tmp_path)
 
@@ -207,7 +208,7 @@ def test_events_that_do_not_vary_are_refused(varied):
 
 
 def test_too_few_events_and_scenarios_without_events_are_refused(tmp_path):
-    path = write_people(tmp_path / "people.csv", [25.0])
+    path = write_people(tmp_path, [25.0])
     settings = ExposureSettings("recorded", recordings=(path.name,))
     with refusal("at least 10, got 1"):
         exposure_of(LOGICAL, settings, DriverSettings(), tmp_path)
@@ -217,7 +218,7 @@ def test_too_few_events_and_scenarios_without_events_are_refused(tmp_path):
 
 def test_names_of_a_reference_must_be_numbers_and_parameters(tmp_path):
     recorded = Counterpart("approach", (("ego_speed", "lead"),), (("ego_speed", 1.0),), "t")
-    people = open_people(settings_for(write_people(tmp_path / "p.csv", [25.0])), tmp_path)
+    people = open_people(settings_for(write_people(tmp_path, [25.0])), tmp_path)
     with refusal(r"must name columns of numbers: .* column 'ego_speed'"):
         matching_events(people.events, "mine", recorded)
     drivers = DriverSettings(tolerance={"gpa": 1.0})

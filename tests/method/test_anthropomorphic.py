@@ -113,8 +113,9 @@ def humans(seed=0, n=4):
         "stands",
     ],
 )
-def test_identical_driving_scores_1(same):
-    index = anthropomorphic_index(same, [same] * 3, ROAD)
+@pytest.mark.parametrize("mode", ["gaussian", "mixture"])
+def test_identical_driving_scores_1(same, mode):
+    index = anthropomorphic_index(same, [same] * 3, ROAD, AnthropomorphicSettings(mode=mode))
     made = index.ingredients
     assert index.value == index.length_factor == index.operation_factor == index.similarity == 1.0
     assert made.centre_similarity == made.field_similarity == made.lowest == 1.0

@@ -61,11 +61,6 @@ def test_a_manoeuvre_is_the_first_change_of_lane_and_a_touch_does_not_count():
     assert manoeuvre_of(touch, ROAD, 1.0) == (0,)
 
 
-def test_identical_driving_scores_one_in_mixture_mode():
-    same = drive(begin=2.0)
-    assert anthropomorphic_index(same, [same] * 4, ROAD, MIXTURE).value == pytest.approx(1.0)
-
-
 def test_one_manoeuvre_only_and_no_pooling_to_speak_of_is_the_gaussian_mode():
     ads = drive(begin=1.2, speed=25.3)
     mixture = anthropomorphic_index(ads, OVERTAKERS, ROAD, replace(MIXTURE, pooled_drivers=1e-9))

@@ -71,7 +71,7 @@ def runs(tmp_path_factory):
     the end."""
     folder = tmp_path_factory.mktemp("people")
     speeds = np.concatenate([np.linspace(29.0, 31.0, 6), np.linspace(20.0, 26.0, 6)])
-    write_people(folder / "people.csv", speeds.tolist(), lead_step=0.8)
+    write_people(folder, speeds.tolist(), lead_step=0.8)
     found = {}
     for too_thin in ("fill", "leave_out"):
         (folder / "evaluation.toml").write_text(EVALUATION.replace("TOO_THIN", too_thin))
@@ -129,7 +129,7 @@ def test_how_many_recorded_people_stand_behind_the_scores_is_said_everywhere(run
 
 
 def test_a_merged_run_reports_which_limit_left_recorded_drives_out(tmp_path):
-    write_people(tmp_path / "people.csv", [28.0, 30.0], seconds=20.0)
+    write_people(tmp_path, [28.0, 30.0], seconds=20.0)
     text = EVALUATION.replace("TOO_THIN", "fill").replace('kind = "recorded"', 'kind = "uniform"')
     (tmp_path / "evaluation.toml").write_text(text)
     for part in (1, 2):
@@ -360,7 +360,7 @@ NARROW = {"ego_speed": DeclaredDistribution("normal", 28.0, 1.0)}
     ],
 )
 def test_points_are_scored_as_they_were_driven(sampling, exposure, tmp_path):
-    write_people(tmp_path / "people.csv", np.linspace(24.0, 30.0, 12).tolist(), lead_step=0.8)
+    write_people(tmp_path, np.linspace(24.0, 30.0, 12).tolist(), lead_step=0.8)
     (tmp_path / "points.csv").write_text("ego_speed,lead_speed\n20,5\n25,5\n")
     entry = ScenarioSettings("front_vehicle_low_speed", sampling, exposure)
     settings = replace(small(["idm"], drivers=2), scenario=(entry,))

@@ -68,6 +68,18 @@ ads = [
     return done.folder, fastest.case
 
 
+@pytest.fixture
+def folder(night):
+    return night[0]
+
+
+@pytest.fixture
+def hit(night):
+    """The case of an ADS that brakes too late."""
+    folder, case = night
+    return known_case(folder, case.replace("late", "too_late"))
+
+
 def needed(closing, strongest, ramp=0.15):
     """Gap that full braking with a linear ramp needs, m."""
     return (
@@ -99,19 +111,15 @@ def test_brakes_and_delay_have_their_closed_forms_within_a_step(night):
     assert gap.before - gap.after == pytest.approx(0.1)
 
 
-def test_law_a_longer_delay_saves_no_ads_that_brakes_later_by_it(night):
-    folder, case = night
-    hit = known_case(folder, case.replace("late", "too_late"))
+def test_law_a_longer_delay_saves_no_ads_that_brakes_later_by_it(folder, hit):
     (delay,) = WhatIf(folder).answers(hit, "actuation_delay").answers
     assert not delay.flips
 
 
-def test_replay_marks_the_last_moment_to_brake(night):
-    folder, case = night
-    fact = known_case(folder, case.replace("late", "too_late"))
+def test_replay_marks_the_last_moment_to_brake(folder, hit):
     with open_store(folder / FACTS) as store:
-        mark = contact_of(fact, store.trajectory(fact.case))
-    assert 0.0 < mark["last"] == cause_of_contact(fact).no_return_time < mark["time"]
+        mark = contact_of(hit, store.trajectory(hit.case))
+    assert 0.0 < mark["last"] == cause_of_contact(hit).no_return_time < mark["time"]
 
 
 def test_law_changing_nothing_changes_nothing(night):
@@ -135,34 +143,30 @@ def test_law_a_lever_keeps_the_chance_of_its_case_unless_told(night):
     assert moved(space, values, lever, lever.high, revealed=True).values["lead_speed"] == lever.high
 
 
-def test_a_collision_gets_a_table_and_json(night):
-    folder, case = night
-    hit = case.replace("late", "too_late")
-    done = run("whatif", folder, hit)
+def test_a_collision_gets_a_table_and_json(folder, hit):
+    done = run("whatif", folder, hit.case)
     drives = map(int, re.findall(r"^levers.*: (\d+) done$", done.stderr, re.M))
     assert f"\n{sum(drives)} drives;" in (lines := done.stdout)  # every round is reported
     assert "collision at" in lines
     assert "avoids it" in lines
     assert "conditions.sensor_range      no limit: none of 33 values" in lines
-    told = run("whatif", folder, hit, "--lever", "lead_speed", "--json")
+    told = run("whatif", folder, hit.case, "--lever", "lead_speed", "--json")
     assert "levers: " in told.stderr  # a slow ADS takes minutes
-    (answer,) = json.loads(told.stdout)[hit]
+    (answer,) = json.loads(told.stdout)[hit.case]
     assert answer["flips"][0]["after"] > answer["lever"]["recorded"]
     every = run(f"whatif {folder} --all-collisions --lever max_deceleration").said
     assert "too_late in front_vehicle_low_speed" in every
     assert (
         "Did you mean `lead_speed`"
-        in run("whatif", folder, hit, "--lever", "led_speed", status=2).said
+        in run("whatif", folder, hit.case, "--lever", "led_speed", status=2).said
     )
 
 
-def test_a_case_that_does_not_repeat_is_refused(night):
-    folder, case = night
+def test_a_case_that_does_not_repeat_is_refused(folder, hit):
     file = folder.parent / "too_late.py"
     before = file.read_text()
     file.write_text(LATE.format(begin=0.0))
     try:
-        hit = known_case(folder, case.replace("late", "too_late"))
         with refusal("does not repeat: recorded a contact"):
             WhatIf(folder).answers(hit)
         file.write_text(LATE.format(begin="(0.0 if observation.ego.speed > 25.0 else 3.4)"))
@@ -173,10 +177,8 @@ def test_a_case_that_does_not_repeat_is_refused(night):
         file.write_text(before)
 
 
-def test_a_case_of_a_missing_ads_is_refused_with_the_reason(night):
-    folder, case = night
+def test_a_case_of_a_missing_ads_is_refused_with_the_reason(folder, hit):
     file = folder.parent / "too_late.py"
-    hit = known_case(folder, case.replace("late", "too_late"))
     moved_away = file.rename(file.with_suffix(".txt"))
     try:
         with refusal(r"now not evaluated \(ADS .*there is no file .*too_late\.py"):
@@ -186,14 +188,12 @@ def test_a_case_of_a_missing_ads_is_refused_with_the_reason(night):
 
 
 @pytest.mark.parametrize("named", ['name = "too_late"', 'use = "front_vehicle_low_speed"'])
-def test_a_case_that_left_the_evaluation_is_refused(night, tmp_path, named):
-    folder, case = night
+def test_a_case_that_left_the_evaluation_is_refused(folder, hit, tmp_path, named):
     edited = copytree(folder, tmp_path / "run")
     file = edited / "evaluation.toml"
-    assert named in file.read_text()
     replace_in(file, named, named.split()[0] + ' = "cut_in"')
     with refusal("Unknown .* of the run"):
-        WhatIf(edited).answers(known_case(edited, case.replace("late", "too_late")))
+        WhatIf(edited).answers(known_case(edited, hit.case))
 
 
 def test_a_case_of_an_edited_scenario_is_refused(tmp_path):
@@ -220,9 +220,8 @@ def test_a_delay_that_sumo_does_not_feel_is_named_so(night):
     assert effect_words(delay, fact.collision) == "0 s: no effect where SUMO moves the ego"
 
 
-def test_explain_and_the_cause_name_one_moment_of_braking(night):
-    folder, case = night
-    lines = run("explain", folder, case.replace("late", "too_late")).stdout
+def test_explain_and_the_cause_name_one_moment_of_braking(folder, hit):
+    lines = run("explain", folder, hit.case).stdout
     last = float(re.search(r"Cause: braked \S+ s after .* avoids it, (\S+) s", lines)[1])
     after = float(re.search(r"Cause: braked (\S+) s", lines)[1])
     assert "The ADS braked from 3.40 s on" in lines
