@@ -115,6 +115,10 @@ EVENTS = {
     r"<SpeedActionDynamics>: `Other` still changes its speed when this begins, at 2 s": (
         speed_change(1, 0.0, 5.0, 6.0) + speed_change(2, 2.0, 20.0, 3.0)
     ),
+    r"<SpeedActionDynamics>: `dynamicsShape` must be one of linear, step, cubic, sinusoidal, got": (
+        speed_change(1, 0.0, 5.0, 1.0)
+        + speed_change(2, 4.0, 5.0, 1.0).replace('Shape="linear"', 'Shape="bent"')
+    ),
     r"<SpeedActionDynamics>: `value` must be above 0, got -3": (
         when(by(GAP)) + speed_change(2, 8.0, 5.0, -3.0)
     ),

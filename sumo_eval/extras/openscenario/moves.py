@@ -268,6 +268,7 @@ class Moves:
             if not is_step(dynamics):
                 raise dynamics.fault("a continuous speed is supported with the shape `step` only")
             return self._continuous(target, entity, begin, speed)
+        shape = dynamics.one_of("dynamicsShape", _SHAPES)
         # During an earlier change, the speed lies between its ends: assume the end from which this
         # change takes longer.
         ends = (entity.pace, entity.before) if _changes(entity, begin) else (entity.pace,)
@@ -288,7 +289,6 @@ class Moves:
         if unsure or change <= SAME:
             return self._from_any_speed(dynamics, entity, begin, speed)
         step = is_step(dynamics)
-        shape = dynamics.one_of("dynamicsShape", _SHAPES)
         rate = change / AT_ONCE if step else self._rate(dynamics, entity, begin, speed)
         if rate == 0.0:  # it never reaches the speed
             return Span(begin, NEVER)
