@@ -1,7 +1,7 @@
 """Limits of what SUMO may show of a vehicle. A vehicle beyond them is on no lane, has jumped, or is
 faster than any vehicle.
 
-Users: `ads/foresight.py`, `cosim/ego_control.py`, `cosim/loop.py`, `cosim/on_traci.py`,
+Users: `ads/foresight.py`, `cosim/ego_control.py`, `cosim/ego_motion.py`, `cosim/loop.py`,
 `cosim/stage.py`, `cosim/step_rules.py`, `cosim/traffic.py`, `cosim/world.py`.
 """
 

@@ -9,8 +9,8 @@ A vehicle's number is its index row by row, the ego first: row * (1 + m) + colum
 `cosim/loop.py` and `cosim/episode_rows.py` call a stage at every step. `cosim/traffic.py` derives
 the stage for cases with vehicles that SUMO's models drive.
 
-Users: `cosim/ego_control.py`, `cosim/loop.py`, `cosim/on_traci.py`, `cosim/episode_rows.py`,
-`cosim/policies.py`, `cosim/simulation.py`, `cosim/traffic.py`.
+Users: `cosim/ego_control.py`, `cosim/ego_motion.py`, `cosim/loop.py`, `cosim/on_traci.py`,
+`cosim/episode_rows.py`, `cosim/policies.py`, `cosim/simulation.py`, `cosim/traffic.py`.
 """
 
 import math
