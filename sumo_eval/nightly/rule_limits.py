@@ -204,6 +204,8 @@ def _result(
         return result(None, f"{words}: {none} {of}", reason=f"{none} {alike}", blind=words)
 
     sentence = f"{words}: {tally.number} worse, {tally.better} better of {of}"
+    if tally.lone:
+        sentence += f", and {tally.lone} with a value in one run alone, not compared"
     if not bad:
         return result(True, sentence, float(tally.number))
     sentence += f" (P = {tally.chance:z.2g})"

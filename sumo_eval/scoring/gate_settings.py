@@ -227,6 +227,13 @@ class ShiftSettings(Checked):
         "what is watched",
     )
 
+    def __post_init__(self) -> None:
+        Checked.__post_init__(self)
+        if zoned := [it.quantity for it in self.measure if it.zone is not None]:
+            raise InputError(
+                f"Measure `{zoned[0]}` of [shift] must have no `zone`, which only near misses have."
+            )
+
 
 @frozen
 class NoiseSettings(Checked):

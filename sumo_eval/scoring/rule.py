@@ -277,6 +277,7 @@ class Tally(NamedTuple):
     least_kept: least `kept_margin` of a worse case; 1 if no case is worse.
     most: largest d of a worse case; 0 if no case is worse.
     furthest: largest d of a worse case in multiples of its tolerance; 0 if no case is worse.
+    lone: number of further cases that have the quantity in one of the runs alone.
     """
 
     ads: str
@@ -288,6 +289,7 @@ class Tally(NamedTuple):
     least_kept: float
     most: float
     furthest: float
+    lone: int = 0
 
     @property
     def number(self) -> int:
@@ -311,7 +313,7 @@ def tally(
         only cases whose value is worse than this limit in one of the runs count.
     """
     worse, least_kept, most = [], 1.0, 0.0
-    furthest, better, cases = 0.0, 0, 0
+    furthest, better, cases, lone = 0.0, 0, 0, 0
     for part in compared:
         before, after, counts = values_of(part, measure, fill=near)
         by = worsening(before, after, measure)
@@ -326,9 +328,10 @@ def tally(
         most = by[flags].max(initial=most)
         furthest = (by / np.maximum(limit, LAST_DIGIT))[flags].max(initial=furthest)
         better += int(np.sum(counts & (by < -beyond)))
+        lone += int(np.sum(_both_ok(part) & (np.isnan(before) != np.isnan(after))))
         cases += int(np.sum(counts))
         worse.append(Worse(part, _worst_first(flags, by), before, after))
-    return Tally(ads, measure, near, tuple(worse), better, cases, least_kept, most, furthest)
+    return Tally(ads, measure, near, tuple(worse), better, cases, least_kept, most, furthest, lone)
 
 
 def values_of(
@@ -340,13 +343,18 @@ def values_of(
 
     The quantity counts if it is finite and the status is `ok`, in both runs.
     """
-    paired, (before, after) = part.changed.paired, part.comparable(measure.quantity)
+    before, after = part.comparable(measure.quantity)
     if fill and measure.zone is not None:
         before, after = (
             np.where(np.isnan(values), measure.zone, values) for values in (before, after)
         )
-    counts = (paired.base.status == "ok") & (paired.new.status == "ok")
-    return before, after, counts & np.isfinite(before) & np.isfinite(after)
+    return before, after, _both_ok(part) & np.isfinite(before) & np.isfinite(after)
+
+
+def _both_ok(part: AdsComparison) -> BoolArray:
+    """Whether the status of each pair is `ok` in both runs, (n,)."""
+    paired = part.changed.paired
+    return np.asarray((paired.base.status == "ok") & (paired.new.status == "ok"))
 
 
 # --- the parts ------------------------------------------------------------------------------------

@@ -7,6 +7,7 @@ from types import SimpleNamespace
 import builders
 import numpy as np
 import pytest
+from refusals import refusal
 from report_cases import HIT, calm, every, pick, with_case, with_losses
 from tables import values_of
 
@@ -247,6 +248,17 @@ def test_three_cases_far_worse_fail_and_say_how_far(evaluation):
     late = some(calm(evaluation, simulated_time=1.0), 3, simulated_time=9.0)
     (gate,) = judged(calm(evaluation, simulated_time=1.0), late)
     assert "tolerances" not in gate.sentence  # of a time they do not count
+
+
+def test_cases_with_a_value_in_one_run_are_reported(evaluation):
+    """Without a lead in the base: there is no headway that could have become smaller."""
+    base = some(calm(evaluation, min_thw=2.0), 2, min_thw=None)
+    new = calm(evaluation, min_thw=2.0)
+    results = judge(new, compare(base, new, SETTINGS), SETTINGS)
+    (thw,) = [it for it in results if it.ads == builders.CALM and it.quantity == "min_thw"]
+    assert thw.sentence.endswith(", and 2 with a value in one run alone, not compared")
+    with refusal("Measure `min_thw` of .shift. must have no `zone`"):
+        ShiftSettings(measure=(MeasureSettings("min_thw", 0.1, zone=1.0),))
 
 
 def test_too_few_cases_are_not_good_news(evaluation):
