@@ -71,7 +71,10 @@ def test_an_fmu_drives_as_the_same_formula_in_python_does(fmus, tmp_path, capsys
     assert fmu.clips == python.clips
     assert fmu.ego.speed == pytest.approx(python.ego.speed, abs=1e-9)
     assert fmu.ego.speed[-1] < 12.0
-    assert (name == "rod") == ("unit `rod` is not known, SI is assumed" in capsys.readouterr().out)
+    words = "unit `rod` is not known, SI is assumed"
+    assert capsys.readouterr().out.count(words) == (name == "rod")
+    simulate(case(lead(40.0, speed=10.0)), MAPPED, settings, folder=tmp_path)
+    assert capsys.readouterr().out.count(words) == (name == "rod"), "every drive has its own log"
 
 
 def test_a_parameter_reaches_the_fmu_and_every_case_has_a_fresh_instance(fmus):

@@ -135,6 +135,7 @@ class _Fmu:
         self._parameters = list(self._wired(wiring.parameters, "parameters"))
         self._instance: Any = None
         self.initialized = False
+        self._reported = set[str]()  # unknown units that the log of this drive names
 
     def _check_library(self) -> None:
         """Refuse an FMU without a library for this platform."""
@@ -287,7 +288,8 @@ class _Fmu:
         raise must_be(f"The output `{name}`", f"FMU `{self.path.name}`", must, got)
 
     def load(self) -> None:
-        """Load the library and make an instance."""
+        """Load the library and make an instance for another drive."""
+        self._reported.clear()
         with self._in_words():
             self._instance = self._library.instantiate_fmu(
                 self._folder, self.description, "CoSimulation", logger=_log
@@ -364,8 +366,9 @@ class _Fmu:
         unit = variable.unit or getattr(variable.declaredType, "unit", None) or ""
         # a unit that the FMU does not describe is known by its name
         factor = self._factors.get(unit) or si_factor(unit)
-        if factor is None:
-            _say(f"FMU `{self.path.name}`: unit `{unit}` is not known, SI is assumed.")
+        if factor is None and unit not in self._reported:
+            self._reported.add(unit)
+            print(f"FMU `{self.path.name}`: unit `{unit}` is not known, SI is assumed.")  # noqa: T201
         return factor or 1.0
 
     def _kind(self, variable: Any) -> str:
@@ -418,12 +421,6 @@ class _Fmu:
             # without the folder, which differs in each process
             words = said(error).replace(f"{self._folder}/", "")
             raise ControllerError(f"FMU `{self.path.name}` failed: {words}") from error
-
-
-@functools.cache
-def _say(words: str) -> None:
-    """Print a message for the case's log, once a process."""
-    print(words)  # noqa: T201
 
 
 def _log(*words: Any) -> None:
