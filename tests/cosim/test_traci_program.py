@@ -171,6 +171,23 @@ def test_a_client_that_sets_a_wrong_number_is_noticed(tmp_path, setter):
     assert found.error.endswith(" s; it must be a finite number.")
 
 
+@pytest.mark.parametrize("call", ["setSpeed('ego', v)", "slowDown('ego', v, 1.0)"])
+@pytest.mark.parametrize("value, fails", [("nan", True), ("inf", True), ("12.5", False)])
+def test_a_client_in_another_language_is_checked_too(tmp_path, call, value, fails):
+    """As one in another language: `-I` keeps the stand-in out. SUMO takes it for full speed."""
+    (tmp_path / "client.py").write_text(
+        CLIENT.replace("from the_drive import drive\n", f"v = float('{value}')\n").replace(
+            'drive(traci, "ego")', f"traci.vehicle.{call}"
+        )
+    )
+    locator = f"traci:{sys.executable} -I client.py"
+    found = simulate(BEHIND, locator, HALF_SECOND, folder=tmp_path, step_timeout=10.0)
+    words = (
+        "The ADS's program gave `ego` nan or infinity, seen at 0.05 s; it must be a finite number."
+    )
+    assert found.error == (words if fails else None)
+
+
 @pytest.mark.parametrize("vehicle", ["ego", "lead"])
 def test_a_client_that_makes_a_vehicles_place_no_number_gives_up(tmp_path, vehicle):
     """It could end every case that gets dangerous in this way, unscored."""

@@ -140,14 +140,20 @@ class ServedSimulation:
         self._wait(self._connection.simulationStep, self._step_timeout)
         # the program writes to SUMO directly, so its values can only be checked afterwards
         shown = self.vehicle.getSubscriptionResults(EGO)  # came with the answer to the step
-        for name, variable in _SETTINGS.items():
-            if not math.isfinite(shown.get(variable, 0.0)):
-                # SUMO's clock is one step ahead
-                now = self.simulation.getTime() - self.simulation.getDeltaT()
-                raise ControllerError(
-                    f"The ADS's program gave `{EGO}` the {name} {shown[variable]}, seen at "
-                    f"{now:.2f} s; it must be a finite number."
-                )
+        wrong = [
+            f"the {name} {shown[variable]}"
+            for name, variable in _SETTINGS.items()
+            if not math.isfinite(shown.get(variable, 0.0))
+        ]
+        # SUMO does not show the speeds that it took
+        wrong += ["nan or infinity"] if self._relay.has_erred else []
+        if wrong:
+            # SUMO's clock is one step ahead
+            now = self.simulation.getTime() - self.simulation.getDeltaT()
+            raise ControllerError(
+                f"The ADS's program gave `{EGO}` {wrong[0]}, seen at {now:.2f} s; it must be a "
+                "finite number."
+            )
 
     def _wait(self, call: Callable[[], object], limit: float) -> None:
         """Send a request, and wait at most `limit` s for SUMO's answer, which comes after the

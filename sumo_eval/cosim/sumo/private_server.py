@@ -16,6 +16,7 @@ Users: `cosim/doors/traci_program.py`.
 
 import ctypes
 import os
+import re
 import select
 import socket
 import struct
@@ -27,6 +28,8 @@ from contextlib import suppress
 from functools import partial
 from typing import IO
 
+from sumo_eval.cosim.sumo.sumo_files import EGO
+
 LOOPBACK = "127.0.0.1"
 CLIENTS = 2  # the harness, and the relay of the user's program
 # numbers of Linux's sched.h and if.h
@@ -37,6 +40,14 @@ _WORD = b"made"  # the message that comes with the child's sockets
 _COMMAND = slice(5, 6)
 _SET_ORDER = b"\x03"
 _STEP = b"\x02"
+# A message to the ego (0xc4) of setSpeed, slowDown, setAcceleration or setPreviousSpeed with nan or
+# infinity, directly or in a compound (0x0f): a double (0x0b) whose exponent has all bits set.
+_NO_NUMBER = re.compile(
+    rb".{5}\xc4[\x40\x14\x72\x3c]\0\0\0\x03"
+    + EGO.encode()
+    + rb"(\x0f.{4}(\x0b.{8})*)?\x0b[\x7f\xff][\xf0-\xff]",
+    re.DOTALL,
+)
 # request to close, and its answer
 _CLOSE = b"\0\0\0\x06\x02\x7f"
 _CLOSED = b"\0\0\0\x0b\x07\x7f" + bytes(5)
@@ -97,12 +108,13 @@ class Relay:
 
     server: connected socket of the server's second client.
     has_asked, has_order: whether the client has asked for a step, and whether it has set its order.
+    has_erred: whether it has given the ego a speed that is not finite, or the like.
     has_left: whether the client has closed its connection. The relay does not pass on a request to
         close: after it SUMO would run on with one client less. When a connection is gone instead,
         SUMO ends at the next step.
     """
 
-    has_asked = has_order = has_left = False
+    has_asked = has_order = has_erred = has_left = False
 
     def __init__(self, server: socket.socket) -> None:
         self._listener = socket.create_server((LOOPBACK, 0), backlog=1)
@@ -132,6 +144,7 @@ class Relay:
                             self.has_left = not data or tail == _CLOSE
                             self.has_asked |= data[_COMMAND] == _STEP
                             self.has_order |= data[_COMMAND] == _SET_ORDER
+                            self.has_erred |= _NO_NUMBER.match(data) is not None
                         if self.has_left:
                             client.sendall(_CLOSED)
                         if self.has_left or not data:
