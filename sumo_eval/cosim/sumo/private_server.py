@@ -58,23 +58,21 @@ class PrivateServer:
 
     command: that starts sumo. port: on which it listens.
     output: file that receives what it prints.
-    isolated: whether it has a network namespace of its own; as an argument: whether it should have.
+    isolated: whether it has a network namespace of its own.
     """
 
-    def __init__(
-        self, command: Sequence[str], port: int, output: IO[bytes], *, isolated: bool = True
-    ) -> None:
-        isolated = isolated and sys.platform == "linux"
+    def __init__(self, command: Sequence[str], port: int, output: IO[bytes]) -> None:
+        on_linux = sys.platform == "linux"
         own_end, childs_end = socket.socketpair()
         with own_end, childs_end:
             self.process = subprocess.Popen(
                 list(command), stdin=subprocess.DEVNULL, stdout=output, stderr=output,
-                preexec_fn=partial(_enter_own_network, childs_end) if isolated else None,
+                preexec_fn=partial(_enter_own_network, childs_end) if on_linux else None,
             )  # fmt: skip
             childs_end.close()  # else `recv_fds` waits for ever if the child sends nothing
             word = b""
             handles: list[int] = []
-            if isolated:
+            if on_linux:
                 word, handles = socket.recv_fds(own_end, len(_WORD), CLIENTS)[:2]
         self.isolated = word == _WORD and len(handles) == CLIENTS
         self.sockets = [socket.socket(fileno=handle) for handle in handles] or [
