@@ -99,15 +99,17 @@ def _approached(approach: Approach | None, n: int, settings: ZoneSettings) -> Fl
     """
     if approach is None:
         return _columns(n, 0.0, 0.0, np.inf)
-    if not approach.has_closed_form:
-        # The size of the gap: of two equally hard hits the hit at the closer meeting counts as
-        # worse, and not the hit that the ego has nearly passed.
-        gap = np.abs(_gap_at_conflict(approach, settings))
-        return _columns(n, *_searched(approach, n, settings), gap)
     scene = approach.ego_speed, approach.obstacle_speed, approach.gap
     braking = {"deceleration": settings.deceleration, "delay": approach.delay}
     inverse = max_inverse_ttc(*scene, **braking)
-    return _columns(n, inverse, ideal_impact_speed(*scene, **braking), approach.gap)
+    exact = _columns(n, inverse, ideal_impact_speed(*scene, **braking), approach.gap)
+    if approach.has_closed_form.all():
+        return exact
+    # The size of the gap: of two equally hard hits the hit at the closer meeting counts as worse,
+    # and not the hit that the ego has nearly passed.
+    gap = np.abs(_gap_at_conflict(approach, settings))
+    searched = _columns(n, *_searched(approach, n, settings), gap)
+    return np.where(approach.has_closed_form, exact, searched)
 
 
 def squared_time_target(
@@ -234,4 +236,4 @@ def is_searched(logical: LogicalScenario) -> bool:
     middle = np.array(
         [[0.5 * (parameter.low + parameter.high) for parameter in logical.parameters]]
     )
-    return not logical.approach(logical.columns(middle)).has_closed_form
+    return not logical.approach(logical.columns(middle)).has_closed_form.all()

@@ -156,9 +156,11 @@ class Approach:
     passing_length: float = inf
 
     @property
-    def has_closed_form(self) -> bool:
-        """Whether the obstacle is in the ego's path from the start and keeps its speed."""
-        return not (np.any(self.obstacle_deceleration) or np.any(self.conflict_begin))
+    def has_closed_form(self) -> BoolArray:
+        """Whether the obstacle is in the ego's path from the start and keeps its speed, at every
+        point.
+        """
+        return np.equal(self.obstacle_deceleration, 0.0) & np.equal(self.conflict_begin, 0.0)
 
 
 def at_once(values: Values) -> FloatArray:

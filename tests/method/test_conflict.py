@@ -1,6 +1,8 @@
 """Conflicts of ways: the time to collision on them against closed forms, and the area, time to it
 and PET by hand."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from road_scenes import scenario_of
@@ -15,6 +17,7 @@ from sumo_eval.method.conflict import (
 from sumo_eval.method.criticality import ideal_impact_speed, max_inverse_ttc
 from sumo_eval.method.point_criticality import criticality
 from sumo_eval.scenario import catalogue
+from sumo_eval.scenario.logical import Approach
 from sumo_eval.settings import ZoneSettings
 
 SIZE = (4.5, 1.8)
@@ -183,3 +186,18 @@ def test_criticality_does_not_depend_on_the_points_beside(name):
     points = points[logical.feasible(points)]
     alone = [criticality(logical, point[None], ZONES) for point in points]
     np.testing.assert_array_equal(criticality(logical, points, ZONES), np.concatenate(alone, 1))
+
+
+def test_law_a_point_does_not_depend_on_its_batch():
+    """Of an obstacle that keeps its speed the criticality is exact, also beside one that brakes."""
+    logical = replace(
+        catalogue.load("front_vehicle_cut_out"),
+        approach=lambda at: Approach(
+            at["ego_speed"], at["obstacle_speed"], at["gap"], 0.5, 0.2 * (at["gap"] > 35.0)
+        ),
+    )
+    points = np.array([[20.0, 10.0, 30.0], [20.0, 10.0, 40.0]])
+    together = criticality(logical, points, ZONES)
+    for number, point in enumerate(points):
+        alone = criticality(logical, point[None], ZONES)
+        assert [values[number] for values in together] == [values[0] for values in alone]
