@@ -312,8 +312,9 @@ def tally(
     near: True for part two. Then a missing value becomes the limit of the measure's `zone`, and
         only cases whose value is worse than this limit in one of the runs count.
     """
-    worse, least_kept, most = [], 1.0, 0.0
-    furthest, better, cases, lone = 0.0, 0, 0, 0
+    worse, least_kept = [], 1.0
+    most, furthest = 0.0, 0.0
+    better, cases, lone = 0, 0, 0
     for part in compared:
         before, after, counts = values_of(part, measure, fill=near)
         by = worsening(before, after, measure)

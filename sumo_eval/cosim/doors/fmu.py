@@ -368,7 +368,8 @@ class _Fmu:
         factor = self._factors.get(unit) or si_factor(unit)
         if factor is None and unit not in self._reported:
             self._reported.add(unit)
-            print(f"FMU `{self.path.name}`: unit `{unit}` is not known, SI is assumed.")  # noqa: T201
+            fmu = f"FMU `{self.path.name}`"
+            print(f"{fmu}: unit `{unit}` is not known, SI is assumed.")  # noqa: T201
         return factor or 1.0
 
     def _kind(self, variable: Any) -> str:
