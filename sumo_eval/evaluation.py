@@ -158,8 +158,7 @@ def score(
         **run_folder.read_manifest(folder),
         "severity": {"name": severity.name, "unit": severity.unit, "sha256": severity.sha256},
     }
-    facts = folder / run_folder.FACTS
-    with open_store(facts) as store:
+    with open_store(folder) as store:
         run_folder.check_complete(store, folder)
         left_out, cache = store.left_out(), KeptResults(folder)
         key = scores_key(settings, store.content, resolved.source, severity.sha256, exposures)
@@ -172,7 +171,7 @@ def score(
             with point_processes(store, settings.run.workers) as spread:
                 scoring = Scoring(resolved, exposures, severity, store, cache, spread, progress)
                 results = keep_scores(cache, key, scoring.scores(RowWriter(cache, key)))
-        vouch(facts, cache)
+        vouch(folder, cache)
     return Evaluation(
         settings.name,
         folder,
@@ -205,7 +204,7 @@ def refuse_to_score(folder: Path) -> None:
     """
     run_folder.read_settings(folder)
     run_folder.read_manifest(folder)
-    with open_store(folder / run_folder.FACTS) as store:
+    with open_store(folder) as store:
         run_folder.check_complete(store, folder)
 
 
@@ -220,9 +219,8 @@ def discard_trajectories(evaluation: Evaluation) -> int:
         return 0
     from sumo_eval.scoring.critical import critical_points
 
-    facts = folder / run_folder.FACTS
     with run_folder.only_writer(folder, resume=True):
-        with open_store(facts, create=True) as store:
+        with open_store(folder, create=True) as store:
             numbers = {case: number for case, number, _ in store.names("ads")}
             critical = critical_points(evaluation, numbers) if keep == "critical" else set()
             discarded = store.discard_trajectories(
@@ -230,8 +228,8 @@ def discard_trajectories(evaluation: Evaluation) -> int:
             )
         cache = KeptResults(folder)
         # the file has changed, so it is checked as a whole before it is vouched for
-        with open_store(facts, whole=True):
-            vouch(facts, cache)
+        with open_store(folder, whole=True):
+            vouch(folder, cache)
         cache.close()
     return discarded
 

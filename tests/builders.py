@@ -9,7 +9,6 @@ from scipy.integrate import cumulative_trapezoid
 
 from sumo_eval.method.index_terms import IndexNote
 from sumo_eval.record.cases import Case, Outcome
-from sumo_eval.record.run_folder import FACTS
 from sumo_eval.record.store import open_store
 from sumo_eval.results import Evaluation, ZoneResult
 from sumo_eval.scenario import catalogue
@@ -46,7 +45,7 @@ def evaluation(folder, partitions):
     settings = replace(plain, name="made <by> hand")
     zones, scores, cases = [], [], []
     folder.mkdir(parents=True, exist_ok=True)
-    with open_store(folder / FACTS, create=True) as store:
+    with open_store(folder, create=True) as store:
         for name in SCENARIOS:
             logical = catalogue.load(name)
             points = sample(logical, levels=3)

@@ -282,7 +282,7 @@ def test_the_human_reference_is_a_door(tmp_path):
         '[[ads]]\nname = "idm"\ncontroller = "idm"\n[drivers]\nsource = "recorded.py:drivers"\n'
     )
     evaluation = sumo_eval.evaluate(tmp_path / "evaluation.toml", tmp_path / "run")
-    with open_store(evaluation.folder / "facts.sqlite") as store:
+    with open_store(evaluation.folder) as store:
         humans = list(store.facts("human"))
     assert {human.controller for human in humans} == {"recorded.py:drivers"}
     assert len(humans) == 3 * len(evaluation.cases)

@@ -97,10 +97,9 @@ def replay(
     logical = scenarios[fact.scenario]
     if gui:
         from sumo_eval.cosim.sumo.gui_replay import replay_in_gui
-        from sumo_eval.record.run_folder import FACTS
         from sumo_eval.record.store import open_store
 
-        with open_store(run / FACTS) as store:
+        with open_store(run) as store:
             vehicles = store.trajectories(fact.case)
         replay_in_gui(
             logical.road,

@@ -59,10 +59,10 @@ def _of_all_collisions(
     search: WhatIf, run: Path, lever: str | None, progress: Callable[..., None]
 ) -> list[CaseLevers]:
     """Answers for every collision of a run, or why there are none."""
-    from sumo_eval.record.run_folder import FACTS, check_complete
+    from sumo_eval.record.run_folder import check_complete
     from sumo_eval.record.store import open_store
 
-    with open_store(run / FACTS) as store:
+    with open_store(run) as store:
         check_complete(store, run)
         facts = [fact for fact in store.facts("ads") if fact.collision is not None]
     levers = []

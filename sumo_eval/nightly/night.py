@@ -42,8 +42,8 @@ from sumo_eval.nightly.trend import write_trend
 from sumo_eval.record.facts import resolve
 from sumo_eval.record.lock import held
 from sumo_eval.record.progress import Progress, Stopping, never, quiet
-from sumo_eval.record.run_folder import FACTS, is_run
-from sumo_eval.record.store import Store
+from sumo_eval.record.run_folder import is_run
+from sumo_eval.record.store import FACTS, Store
 from sumo_eval.report.assessed import write_assessed_report
 from sumo_eval.report.explain import known_case
 from sumo_eval.report.gate_result import failed

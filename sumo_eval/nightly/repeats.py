@@ -20,7 +20,6 @@ from sumo_eval.record.engines import run_cases
 from sumo_eval.record.facts import record_facts, space_of
 from sumo_eval.record.progress import Progress
 from sumo_eval.record.recording import Planner, planner
-from sumo_eval.record.run_folder import FACTS
 from sumo_eval.record.store import open_store
 from sumo_eval.report.gate_result import CaseChange
 from sumo_eval.results import Evaluation
@@ -58,7 +57,7 @@ def repeats_of(
     # each case alone: in a batch the cases may share state of their ADS's module
     alone = replace(plan.setup, run=replace(plan.setup.run, cases_per_pack=1))
     alike: dict[str, list[bool]] = {ads.name: [] for ads in evaluation.settings.ads}
-    with open_store(evaluation.folder / FACTS) as store:
+    with open_store(evaluation.folder) as store:
         for number, outcome in enumerate(run_cases(sample, alone), 1):
             alike[outcome.case.driver].append(not store.difference(outcome))
             progress("driving some cases twice", number, len(sample))
@@ -101,7 +100,7 @@ def _rerun(evaluation: Evaluation, cases: Collection[str], folder: Path) -> dict
     shutil.rmtree(folder, ignore_errors=True)
     try:
         shutil.copytree(evaluation.folder, folder)
-        with open_store(folder / FACTS, create=True) as store:
+        with open_store(folder, create=True) as store:
             store.unseal()
             store.remove(cases)
         record_facts(evaluation.resolved, folder, resume=True)

@@ -19,8 +19,7 @@ from sumo_eval.record.claims import NO_USER_CODE, affinity
 from sumo_eval.record.engines import refuse_engine, run_cases
 from sumo_eval.record.facts import compile_loops, in_rounds, planned
 from sumo_eval.record.recording import Planner, Space, find_stale, stages
-from sumo_eval.record.run_folder import FACTS
-from sumo_eval.record.store import open_store
+from sumo_eval.record.store import FACTS, open_store
 from sumo_eval.scenario.resolved import Resolved
 from sumo_eval.settings import EvaluationSettings
 from sumo_eval.text import duration_words
@@ -150,7 +149,7 @@ def _recorded(folder: Path, run: Resolved) -> int:
     if not (folder / FACTS).is_file():
         return 0
     plan, spaces = planned(in_rounds(run, folder), looked_at=_MOST_POINTS)
-    with open_store(folder / FACTS) as store:
+    with open_store(folder) as store:
         find_stale(store, run.source)  # `store.holds` is False for cases of ADSs marked as stale
         cases = (stage.cases for space in spaces for stage in stages(space, plan))
         return sum(map(store.holds, chain.from_iterable(cases)))

@@ -138,7 +138,7 @@ class Run:
         return f"<p>Run <code>{escape(str(self.folder))}</code></p>{counts}"
 
     def _store(self) -> AbstractContextManager[Store]:
-        return open_store(self.folder / run_folder.FACTS)
+        return open_store(self.folder)
 
 
 def open_run(path: str | os.PathLike[str]) -> Run:
@@ -150,7 +150,7 @@ def open_run(path: str | os.PathLike[str]) -> Run:
     # read only to raise InputError now: the properties of `Run` read the files again
     run_folder.read_settings(folder)
     run_folder.read_manifest(folder)
-    with open_store(folder / run_folder.FACTS):
+    with open_store(folder):
         return Run(folder)
 
 
@@ -178,7 +178,7 @@ def export(
 
 def _scored(folder: Path, name: str) -> Path:
     if not (folder / name).is_file():
-        with open_store(folder / run_folder.FACTS) as store:
+        with open_store(folder) as store:
             run_folder.check_complete(store, folder)
         raise InputError(
             f"Run {folder} has not been scored, {name} is missing; first: sumo-eval score "

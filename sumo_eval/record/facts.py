@@ -266,7 +266,7 @@ def _filled_folder(
     """
     shard = "{}/{}".format(*run.shard)
     if run_folder.is_run(folder):
-        with open_store(folder / run_folder.FACTS, create=True, checked=True) as store:
+        with open_store(folder, create=True, checked=True) as store:
             if (before := store.noted(run_folder.SHARD)) not in ("", shard):
                 raise InputError(
                     f"Run {folder} is shard {before}; it cannot continue as shard {shard}."
@@ -276,7 +276,7 @@ def _filled_folder(
         folder, run.settings, run.source, map(_middle, spaces), another_round=another_round
     )
     run_folder.write_exposures(folder, {space.logical.name: space.exposure for space in spaces})
-    with open_store(folder / run_folder.FACTS, create=True) as store:
+    with open_store(folder, create=True) as store:
         store.note(run_folder.SHARD, shard)
         yield store
 
@@ -368,7 +368,7 @@ def merge(shards: Sequence[Path], out: Path) -> Recorded:
         if run_folder.trust_own_runs(*shards):
             remember(out, settings, run.source)
         for shard in sorted(folders):
-            store.take_over(folders[shard] / run_folder.FACTS)
+            store.take_over(folders[shard])
         store.seal()
         return _counted(store)
 
@@ -389,7 +389,7 @@ def _shard_of(
     for name in ("sumo_eval", "libsumo"):
         if versions[name] != manifest["versions"][name]:
             raise InputError(f"{folder} was made with another version of {name} than {first}.")
-    with open_store(folder / run_folder.FACTS) as store:
+    with open_store(folder) as store:
         run_folder.refuse_incomplete(store, folder)
         return parse_shard(store.noted(run_folder.SHARD))
 
@@ -419,7 +419,7 @@ def verify(
     run_folder.read_settings(folder)
     run = resolve(None, folder, resume=True, workers=workers, engine="processes")
     plan = planner(run)
-    with open_store(folder / run_folder.FACTS) as store:
+    with open_store(folder) as store:
         run_folder.refuse_incomplete(store, folder)
         shard = parse_shard(store.noted(run_folder.SHARD) or "1/1")
         find_stale(store, run.source)  # `store.holds` is False for a stale ADS

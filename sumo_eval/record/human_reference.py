@@ -150,7 +150,7 @@ def point_processes(store: Store, workers: int) -> Iterator[Spread]:
 
 
 def compute_points(
-    facts: Path,
+    run: Path,
     jobs: Sequence[PointJob],
     settings: AnthropomorphicSettings,
     spread: Spread,
@@ -159,12 +159,12 @@ def compute_points(
 ) -> PointResults:
     """The results of all jobs.
 
-    facts: file of the store.
+    run: folder whose facts have the drives.
     spread: `map` or that of `point_processes`.
     progress: receives the number of jobs that are done.
     cache: where results are looked up, and put.
     """
-    keys = _keys(facts, jobs, settings)
+    keys = _keys(run, jobs, settings)
     # results in their kept form, by name; `name[0]` is the kind of result
     results: dict[Name, bytes] = {
         name: data for name, key in keys.items() if (data := cache.get(name[0], key)) is not None
@@ -172,8 +172,7 @@ def compute_points(
     wanted = [(job, [name for name in job.names if name not in results]) for job in jobs]
     missing = [(job, names) for job, names in wanted if names]
     parts = [
-        (facts, missing[first : first + _CHUNK], settings)
-        for first in range(0, len(missing), _CHUNK)
+        (run, missing[first : first + _CHUNK], settings) for first in range(0, len(missing), _CHUNK)
     ]
     done = len(jobs) - len(missing)
     new = list[KeptPart]()
@@ -205,10 +204,10 @@ def _decoded(results: Mapping[Name, bytes]) -> PointResults:
 
 
 def _keys(
-    facts: Path, jobs: Sequence[PointJob], settings: AnthropomorphicSettings
+    run: Path, jobs: Sequence[PointJob], settings: AnthropomorphicSettings
 ) -> dict[Name, bytes]:
     keys: dict[Name, bytes] = {}
-    with open_store(facts) as store:
+    with open_store(run) as store:
         hash_of = cache(store.case_hash)
         for job in jobs:
             common = key_of(
@@ -228,8 +227,8 @@ def _compute_part(
     part: tuple[Path, Sequence[tuple[PointJob, Sequence[Name]]], AnthropomorphicSettings],
 ) -> dict[Name, bytes]:
     """Some of the results of some jobs, encoded: those with the names beside each job."""
-    facts, jobs, settings = part
-    with open_store(facts, checked=True) as store:  # `_keys` has checked the file
+    run, jobs, settings = part
+    with open_store(run, checked=True) as store:  # `_keys` has checked the file
         return {
             name: encoded(record)
             for job, names in jobs

@@ -22,7 +22,7 @@ from sumo_eval.input_file import sha256, write_whole, writing
 from sumo_eval.record.lock import LOCK, held_folder
 from sumo_eval.record.qualification import read_qualification
 from sumo_eval.record.sealed import read_sealed, sealed
-from sumo_eval.record.store import FORMAT_VERSION, Store
+from sumo_eval.record.store import FACTS, FORMAT_VERSION, Store
 from sumo_eval.record.trust import code_of, is_remembered, refuse_foreign_code, trust_code
 from sumo_eval.scenario.concrete import ConcreteScenario
 from sumo_eval.scenario.resolved import Resolved
@@ -30,7 +30,6 @@ from sumo_eval.settings import EvaluationSettings, SimulationSettings
 from sumo_eval.settings.config import read_evaluation, to_toml
 from sumo_eval.text import file_stem, timestamp
 
-FACTS = "facts.sqlite"
 EVALUATION = "evaluation.toml"
 MANIFEST = "manifest.json"
 EXPOSURES = "exposure.json"

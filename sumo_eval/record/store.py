@@ -38,6 +38,8 @@ from sumo_eval.record.reads import FileOfAds
 from sumo_eval.record.sealed import FIX
 from sumo_eval.trajectory import Alone, Clip, Collision, Latency, Recording, Trajectory
 
+FACTS = "facts.sqlite"
+"""Name of the facts file in a run's folder."""
 FORMAT_VERSION = 4
 
 RECORDED = "recorded"
@@ -518,7 +520,10 @@ class Store:
         return [json.loads(*row) for row in self._read(f"SELECT value FROM {_NOTES}")]  # noqa: S608
 
     def take_over(self, other: Path) -> None:
-        """Copy everything recorded in another store of the same format, in one transaction."""
+        """Copy everything recorded in another run of the same format, in one transaction.
+
+        other: its folder.
+        """
         try:
             with open_store(other) as part, self._changes():
                 for rows in (*_TABLES, _NOTES):  # a table, or a table WHERE a condition holds
@@ -532,7 +537,7 @@ class Store:
                     )
         except sqlite3.IntegrityError as error:
             raise InputError(
-                f"{other.parent} holds a case that is in another part as well: {error}."
+                f"{other} holds a case that is in another part as well: {error}."
             ) from error
 
     # -- reading -----------------------------------------------------------------------------------
@@ -683,9 +688,9 @@ class Store:
 
 @contextmanager
 def open_store(
-    path: Path, *, create: bool = False, checked: bool = False, whole: bool = False
+    run: Path, *, create: bool = False, checked: bool = False, whole: bool = False
 ) -> Iterator[Store]:
-    """A facts file, checked first, and closed at the end of the block.
+    """The facts file in a run's folder, checked first, and closed at the end of the block.
 
     create: open it for writing, and make it if it does not exist.
     checked: another process has just checked it, so this one does not.
@@ -693,11 +698,12 @@ def open_store(
 
     A file that has not changed since this process checked it is not checked again.
     """
+    path = run / FACTS
     store = Store(path, create=create)
     try:
         state = None if checked else _state(path)
         if state and (state not in _checked or _is_written(path)):
-            store.unchecked = not (whole or create) and _vouched(path) == state[1:]
+            store.unchecked = not (whole or create) and _vouched(run) == state[1:]
             if not store.unchecked:
                 store.check()
                 _checked.add(state)
@@ -721,22 +727,23 @@ def _is_written(path: Path) -> bool:
 _FACTS = b"facts"  # key of the cache's part of kind `checked`: size and time of the facts file
 
 
-def vouch(path: Path, cache: KeptResults) -> None:
-    """Note that a facts file, as it is, was checked, so that later processes need not check all of
-    it.
+def vouch(run: Path, cache: KeptResults) -> None:
+    """Note that the facts file of a run, as it is, was checked, so that later processes need not
+    check all of it.
     """
+    path = run / FACTS
     if path.is_file() and not _is_written(path) and (state := _state(path)) in _checked:
         cache.put([("checked", _FACTS, 0, json.dumps(state[1:]).encode())])
 
 
-def _vouched(path: Path) -> tuple[int, ...] | None:
-    """Size and time of the last change of a facts file when it was checked; None where that is not
-    noted.
+def _vouched(run: Path) -> tuple[int, ...] | None:
+    """Size and time of the last change of a run's facts file when it was checked; None where that
+    is not noted.
     """
-    if _is_written(path) or not path.with_name(KEPT).is_file():
+    if _is_written(run / FACTS) or not (run / KEPT).is_file():
         return None
     # a damaged cache vouches for nothing
-    with suppress(InputError), closing(KeptResults(path.parent)) as cache:
+    with suppress(InputError), closing(KeptResults(run)) as cache:
         noted = cache.get("checked", _FACTS)
         return None if noted is None else tuple(json.loads(noted))
     return None

@@ -19,7 +19,8 @@ import numpy as np
 from sumo_eval.case_table import CaseTable
 from sumo_eval.frozen import frozen
 from sumo_eval.input_file import hash_of
-from sumo_eval.record.run_folder import EVALUATION, EXPOSURES, FACTS, MANIFEST
+from sumo_eval.record.run_folder import EVALUATION, EXPOSURES, MANIFEST
+from sumo_eval.record.store import FACTS
 from sumo_eval.report.checks import FAILED, PASSED, checked_cases
 from sumo_eval.report.page import template, write_json, write_page
 from sumo_eval.report.people import people_sentence

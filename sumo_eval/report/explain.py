@@ -19,7 +19,6 @@ from sumo_eval.method.collision_avoidance import SMALLEST_OVERLAP
 from sumo_eval.method.point_criticality import criticality
 from sumo_eval.method.score_terms import worth
 from sumo_eval.method.zone_partition import ZonePartition
-from sumo_eval.record.run_folder import FACTS
 from sumo_eval.record.store import Fact, Store, open_store
 from sumo_eval.report.driving_words import driving_words
 from sumo_eval.report.notes import because, index_note_words, notes_sentence
@@ -41,7 +40,7 @@ def known_case(run: Path, key: str) -> Fact:
 
     Raises InputError, with the nearest known key, where no ADS drove such a case.
     """
-    with open_store(run / FACTS) as store:
+    with open_store(run) as store:
         fact = store.fact(key)
         if fact is None or fact.role != "ads":
             raise unknown("case", key, [case for case, _, _ in store.names("ads")])
@@ -56,7 +55,7 @@ def explain_case(
     assert case is not None, "every drive of an ADS is a case"
     zones = partitions[case.scenario]
     findings = Findings.of(evaluation, evaluation.score(case.ads, case.scenario))
-    with open_store(evaluation.folder / FACTS) as store:
+    with open_store(evaluation.folder) as store:
         return [
             f"{case.case}: {case.ads} in {case.scenario} at {point_words(case.values)}",
             f"  {'struck' if case.struck_from_behind else case.outcome}; {end_reason(case)}"

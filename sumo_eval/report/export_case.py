@@ -45,7 +45,7 @@ def export_case(run: Path, case: str, out: Path) -> Exported:
     resolved = run_folder.resolved_run(run)
     settings, source = resolved.settings, resolved.source
     fact = known_case(run, case)
-    with open_store(run / run_folder.FACTS) as store:
+    with open_store(run) as store:
         # a drive that did not start has no trajectories
         started = fact.simulated_time is not None and not store.is_discarded(case)
         driven = store.trajectories(case) if started else None

@@ -16,7 +16,6 @@ from markupsafe import Markup
 from sumo_eval.case_table import CaseTable
 from sumo_eval.cases import OUTCOMES
 from sumo_eval.method.zone_partition import ZonePartition
-from sumo_eval.record.run_folder import FACTS
 from sumo_eval.report.citation import citation
 from sumo_eval.report.density import density_maps
 from sumo_eval.report.gate_result import failed
@@ -90,7 +89,7 @@ def _context(
     embedded = embedded_cases(evaluation, in_page)
     cases_of_page = {name: [case for case, _ in rows] for name, rows in embedded.items()}
     with ThreadPoolExecutor(1) as thread:
-        sent = thread.submit(sent_drives, evaluation.folder / FACTS, cases_of_page)
+        sent = thread.submit(sent_drives, evaluation.folder, cases_of_page)
         # `page_data` waits for the drives only when it needs them
         contents = {section.name: section.content(evaluation, additions) for section in SECTIONS}
         shared = _shared(evaluation, partitions, additions, in_page)

@@ -10,7 +10,6 @@ import numpy as np
 
 from sumo_eval.errors import InputError, unknown
 from sumo_eval.record.cases import Role
-from sumo_eval.record.run_folder import FACTS
 from sumo_eval.record.store import EGO, Fact, Store, open_store
 from sumo_eval.report.explain import known_case
 from sumo_eval.report.page import Json, packed_json, template, write_page
@@ -36,7 +35,7 @@ def write_replay(
         it in the same concrete scenario.
     """
     concrete = logical.concrete(**fact.values)
-    with open_store(run / FACTS) as store:
+    with open_store(run) as store:
         trajectories: list[Trajectory] = []
         views = [_view(fact, store, trajectories)]
         if beside is not None:
@@ -78,7 +77,7 @@ def recorded(run: Path, key: str) -> Fact:
     Raises InputError if nothing was recorded of it, or its trajectories were discarded.
     """
     fact = known_case(run, key)
-    with open_store(run / FACTS) as store:
+    with open_store(run) as store:
         return _playable(fact, store)
 
 

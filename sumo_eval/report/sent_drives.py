@@ -82,16 +82,16 @@ class SentDrives(NamedTuple):
     scenarios: Mapping[str, Drives]
 
 
-def sent_drives(facts: Path, cases_of: Mapping[str, Sequence[CaseResult]]) -> SentDrives:
+def sent_drives(run: Path, cases_of: Mapping[str, Sequence[CaseResult]]) -> SentDrives:
     """The drives that a page of these cases, by scenario, has room for.
 
-    facts: where they are recorded.
+    run: folder in whose facts they are recorded.
 
     Reading, rounding and deflating hold the interpreter's lock for a quarter of the time, so this
     is for a thread.
     """
     most = MOST_BYTES // BYTES_OF_A_TRAJECTORY  # trajectories
-    with open_store(facts) as store:
+    with open_store(run) as store:
         # by scenario and case, in the order given, the number of its point; -1: not recorded
         points = {
             name: dict.fromkeys((case.case for case in cases), -1)

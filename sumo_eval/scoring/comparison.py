@@ -26,8 +26,7 @@ from sumo_eval.cases import CaseResult
 from sumo_eval.errors import InputError, check_known
 from sumo_eval.frozen import frozen
 from sumo_eval.method.score_terms import excess
-from sumo_eval.record.run_folder import FACTS
-from sumo_eval.record.store import open_store
+from sumo_eval.record.store import FACTS, open_store
 from sumo_eval.results import Evaluation
 from sumo_eval.scoring.case_terms import CaseTerms, case_terms, point_values
 from sumo_eval.scoring.comparability import Difference, differences, refuse_unless_comparable
@@ -457,11 +456,10 @@ def identical_pairs(paired: Paired, base: Path, new: Path) -> int:
         # nan counts as equal to nan; only nan differs from itself
         same &= (before == after) | ((before != before) & (after != after))
 
-    files = base / FACTS, new / FACTS
-    if not same.all() or base == new or not all(file.is_file() for file in files):
+    if not same.all() or base == new or not all((run / FACTS).is_file() for run in (base, new)):
         return int(same.sum())
     alike = 0
-    with open_store(files[0]) as old, open_store(files[1]) as now:
+    with open_store(base) as old, open_store(new) as now:
         for before, after in zip(paired.base.case.tolist(), paired.new.case.tolist(), strict=True):
             # whether the trajectory is compared too
             whole = not (old.is_discarded(before) or now.is_discarded(after))

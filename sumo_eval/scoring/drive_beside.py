@@ -82,7 +82,7 @@ def index_again(
     job = PointJob(tuple(fact.case for fact in drives), road, (fact.case,))
     settings = evaluation.settings.method.anthropomorphic
     with closing(KeptResults(evaluation.folder)) as cache:
-        results = compute_points(store.path, [job], settings, map, lambda done: None, cache)
+        results = compute_points(store.path.parent, [job], settings, map, lambda done: None, cache)
     return results.indexes[fact.case]
 
 

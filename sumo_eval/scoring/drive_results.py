@@ -158,19 +158,19 @@ def drive_results(
 
     parts = [points[first : first + _AT_ONCE] for first in range(0, len(points), _AT_ONCE)]
     new: dict[str, bytes] = {}
-    for part in space.spread(partial(_results, space.store.path), parts) if parts else ():
+    for part in space.spread(partial(_results, space.store.path.parent), parts) if parts else ():
         new |= part
     space.cache.put(("drive", keys[case], 0, data) for case, data in new.items())
     records = {case: decoded(data, _RECORDS) for case, data in (results | new).items()}
     return {fact.case: records.get(fact.case, _UNDRIVEN) for fact in drives}
 
 
-def _results(path: Path, points: Sequence[_Point]) -> dict[str, bytes]:
+def _results(run: Path, points: Sequence[_Point]) -> dict[str, bytes]:
     """Case -> encoded result, for the drives at some points. Runs in a process of its own.
 
-    path: of the facts.
+    run: folder with the facts.
     """
-    with open_store(path, checked=True) as store:
+    with open_store(run, checked=True) as store:
         return {
             case: encoded(result) for point in points for case, result in _results_at(point, store)
         }

@@ -298,7 +298,12 @@ def compare_with_people(
         )
 
     results = compute_points(
-        space.store.path, jobs, settings.method.anthropomorphic, space.spread, progress, space.cache
+        space.store.path.parent,
+        jobs,
+        settings.method.anthropomorphic,
+        space.spread,
+        progress,
+        space.cache,
     )
     without = {case: (results.left_out[case], names) for case, names in drivers_of.items()}
     return DriverComparison(compared, results, without)

@@ -120,7 +120,7 @@ def test_an_evaluation_takes_adss_by_locator_and_conditions_hold_for_them_alone(
     assert "perception_delay = 0.5" in (tmp_path / "run" / "evaluation.toml").read_text()
     from sumo_eval.record.store import open_store
 
-    with open_store(tmp_path / "run" / "facts.sqlite") as store:
+    with open_store(tmp_path / "run") as store:
         assert all(
             fact.clips == () or "perception" not in fact.clips[0].what
             for fact in store.facts("human")

@@ -306,7 +306,7 @@ def test_a_disk_full_of_recorded_cases_is_freed(file, history, monkeypatch):
 
     def full(_, run, **__):
         run.mkdir(parents=True)
-        with open_store(run / "facts.sqlite", create=True) as store:
+        with open_store(run, create=True) as store:
             store._connection.execute("PRAGMA max_page_count = 1")
             store.note("filler", "x" * 1_000_000)
 
@@ -580,7 +580,7 @@ def test_a_noisy_ads_is_found_and_its_new_collision_rerun(tmp_path, monkeypatch)
         ("collided", told["night"])
     ]
     assert not (history / "again").exists()
-    with open_store(result.report.parent / "facts.sqlite") as store:
+    with open_store(result.report.parent) as store:
         assert store.is_discarded(result.judgement.gates[0].cases[0])
     files = sum(path.stat().st_size for path in result.report.parent.rglob("*"))
     free = shutil._ntuple_diskusage(0, 0, int(1.5 * files))  # without what was discarded

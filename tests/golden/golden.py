@@ -26,7 +26,6 @@ import numpy as np
 
 import sumo_eval
 from sumo_eval.cosim.doors.controller import SHIPPED
-from sumo_eval.record.run_folder import FACTS
 from sumo_eval.record.store import open_store
 from sumo_eval.scenario.catalogue import SCENARIOS, load
 from sumo_eval.settings import (
@@ -109,7 +108,7 @@ def _done(part):
 def measured(scenario):
     """What the evaluation of a scenario comes to today, in the shape of a golden file."""
     done, _ = _done(next(part for part, scenarios in enumerate(PARTS) if scenario in scenarios))
-    with open_store(done.folder / FACTS) as store:
+    with open_store(done.folder) as store:
         drives = {fact.case: _drive(fact, store) for fact in store.facts("ads", scenario)}
         people = {}
         for fact in store.facts("human", scenario):

@@ -21,7 +21,6 @@ from sumo_eval.evaluation import evaluate
 from sumo_eval.extras.rates.departures import SceneDrive, write_departures
 from sumo_eval.extras.rates.fitted import fit_speeds, thinned
 from sumo_eval.extras.rates.recorded_scene import FAR, NEVER, ROAD_AS_WRITTEN, write_scene
-from sumo_eval.record.run_folder import FACTS
 from sumo_eval.record.store import open_store
 from sumo_eval.scenario.concrete import departures, smooth_step
 from sumo_eval.scenario.file import read_scenario
@@ -150,7 +149,7 @@ def test_drives_without_trajectories_are_counted_not_passed_over(scene, tmp_path
         (AdsSettings("a", "no_reaction"),),
     )
     run = evaluate(settings, tmp_path / "run", engine="serial").folder
-    with open_store(run / FACTS, create=True) as store:
+    with open_store(run, create=True) as store:
         cases = len(list(store.names("ads")))
         store.discard_trajectories(lambda scenario, number: number == 0)
     *drives, note = write_departures(run, tmp_path / "page.html")

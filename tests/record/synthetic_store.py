@@ -25,10 +25,11 @@ def outcomes(rows):
             yield Outcome(case, "ok", Recording(drive, {"lead": drive}, None, "road_end"))
 
 
-def use(path, rows):
+def use(folder, rows):
     """Write so many rows, then ask what a parent asks: each case, the counts, the collisions, the
     digest."""
-    with open_store(path, create=True) as store:
+    folder.mkdir()
+    with open_store(folder, create=True) as store:
         for outcome in outcomes(rows):
             if not store.holds(outcome.case):
                 store.add(outcome)

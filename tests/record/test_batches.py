@@ -133,8 +133,9 @@ def kinds():
     return [with_fingerprint(case, SIMULATION, "", "") for case in found]
 
 
-def stored(path, run):
-    with open_store(path, create=True) as store:
+def stored(folder, run):
+    folder.mkdir()
+    with open_store(folder, create=True) as store:
         for outcomes in run_batches(kinds(), run):
             store.add(*outcomes)
         return store.digest()

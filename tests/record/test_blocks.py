@@ -62,7 +62,7 @@ def test_the_same_bytes_whatever_the_workers_and_the_engine_and_after_a_loss(who
     )
 
     # one of each block is missing
-    with open_store(tmp_path / "one" / "facts.sqlite", create=True) as store:
+    with open_store(tmp_path / "one", create=True) as store:
         facts = list(store.facts("ads", LOGICAL.name))
         clips = {
             fact.point: [clip.requested for clip in fact.clips if clip.what == IN_BLOCK]

@@ -36,7 +36,7 @@ def test_an_opened_run_gives_tables_and_trajectories(run):
     assert set(drives["role"]) >= {"ads", "human"}
     assert opened.counts["drives"].sum() == len(drives)
     case = opened.cases["case"][0]
-    with open_store(run / "facts.sqlite") as store:
+    with open_store(run) as store:
         expected = store.trajectory(case)
     assert np.array_equal(opened.trajectories(case)["ego"].x, expected.x)
     assert set(opened.trajectory_table(case)["vehicle"]) == {"ego", "lead"}

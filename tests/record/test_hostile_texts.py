@@ -84,7 +84,7 @@ def test_the_run_folder_has_an_ordinary_size_and_logs_are_bounded(run):
     # one message of 40 MB alone would be 20 times that
     assert (folder / "facts.sqlite").stat().st_size < 2_000_000
     assert sum(file.stat().st_size for file in folder.rglob("*") if file.is_file()) < 10_000_000
-    with open_store(folder / "facts.sqlite") as store:
+    with open_store(folder) as store:
         for fact in store.facts("ads"):
             assert len(fact.log) <= LOG
             assert "\x1b" not in fact.log

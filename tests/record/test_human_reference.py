@@ -30,17 +30,17 @@ def job(tmp_path_factory):
     folder = tmp_path_factory.mktemp("bands") / "run"
     evaluation = small(("idm",), steps={"ego_speed": 100.0, "lead_speed": 100.0})
     sumo_eval.evaluate(evaluation, folder)
-    with open_store(folder / "facts.sqlite") as store:
+    with open_store(folder) as store:
         point = next(store.facts("human")).point
         (ads,) = (fact.case for fact in store.facts("ads") if fact.point == point)
         drivers = tuple(fact.case for fact in store.facts("human") if fact.point == point)
-    return folder / "facts.sqlite", PointJob(
+    return folder, PointJob(
         drivers, load("front_vehicle_low_speed").road, left_out=(ads,), band=True
     )
 
 
 def computed(job, settings=SETTINGS):
-    kept = KeptResults(job[0].parent)
+    kept = KeptResults(job[0])
     try:
         return compute_points(job[0], [job[1]], settings, map, lambda done: None, kept)
     finally:
@@ -49,12 +49,12 @@ def computed(job, settings=SETTINGS):
 
 @pytest.mark.parametrize("mode", ["gaussian", "mixture"])
 def test_band_and_left_out_drivers_are_each_index_alone(job, mode):
-    facts, wanted = job
+    run, wanted = job
     (ads,) = wanted.left_out
     settings = replace(SETTINGS, slice_spacing=3.0, band_slice_spacing=4.0, mode=mode)
-    found = computed((facts, replace(wanted, ads=(ads,), exchanges=((0, 2), (3, 1)))), settings)
+    found = computed((run, replace(wanted, ads=(ads,), exchanges=((0, 2), (3, 1)))), settings)
     coarse = replace(settings, slice_spacing=4.0)
-    with open_store(facts) as store:
+    with open_store(run) as store:
         own, drivers = store.trajectory(ads), [store.trajectory(case) for case in wanted.drivers]
     others = [[*drivers[:place], *drivers[place + 1 :]] for place in range(len(drivers))]
     alone = anthropomorphic_index(own, drivers, wanted.road, settings)
@@ -83,8 +83,8 @@ def test_band_and_left_out_drivers_are_each_index_alone(job, mode):
 
 
 def test_with_two_drivers_none_can_be_left_out(job):
-    facts, wanted = job
-    found = computed((facts, replace(wanted, drivers=wanted.drivers[:2], band=False)))
+    run, wanted = job
+    found = computed((run, replace(wanted, drivers=wanted.drivers[:2], band=False)))
     (left_out,) = found.left_out.values()
     index, likeness = left_out.index, left_out.likeness
     assert index.without == ()
@@ -95,8 +95,8 @@ def test_with_two_drivers_none_can_be_left_out(job):
 
 
 def test_what_is_kept_is_what_was_computed_to_the_last_digit(job, monkeypatch):
-    facts, wanted = job
-    judged = facts, replace(wanted, ads=wanted.left_out)
+    run, wanted = job
+    judged = run, replace(wanted, ads=wanted.left_out)
     first = computed(judged)
 
     def nothing_to_do(*_):
@@ -104,7 +104,7 @@ def test_what_is_kept_is_what_was_computed_to_the_last_digit(job, monkeypatch):
 
     monkeypatch.setattr(human_reference, "indexes_by_group", nothing_to_do)
     assert computed(judged) == first
-    assert computed((facts, replace(wanted, band=False))).left_out == first.left_out
+    assert computed((run, replace(wanted, band=False))).left_out == first.left_out
     with pytest.raises(AssertionError, match="computed again"):
         computed(job, replace(SETTINGS, slice_spacing=10.0))
 
@@ -112,10 +112,10 @@ def test_what_is_kept_is_what_was_computed_to_the_last_digit(job, monkeypatch):
 @pytest.mark.parametrize("spacing", [0.5, 2.5])
 def test_an_index_is_the_same_to_the_last_bit_whether_or_not_the_band_is_kept(job, spacing):
     # At 2.5 m boxes pay for the band and not for the index alone; at 0.5 m they pay for both.
-    facts, whole = job
+    run, whole = job
     wanted, settings = replace(whole, ads=whole.left_out), replace(SETTINGS, slice_spacing=spacing)
-    apart = computed((facts, replace(wanted, left_out=(), band=False)), settings)
-    fresh, kept = computed((facts, wanted), settings), computed((facts, wanted), settings)
+    apart = computed((run, replace(wanted, left_out=(), band=False)), settings)
+    fresh, kept = computed((run, wanted), settings), computed((run, wanted), settings)
     assert kept.bands == fresh.bands
     (ads,) = whole.left_out
     found = [result.indexes[ads] for result in (apart, fresh, kept)]
@@ -123,9 +123,9 @@ def test_an_index_is_the_same_to_the_last_bit_whether_or_not_the_band_is_kept(jo
 
 
 def test_other_settings_and_drives_are_not_mistaken_for_the_same(job):
-    facts, whole = job
+    run, whole = job
     assert computed(job) != computed(job, replace(SETTINGS, centre_deviation_floor=0.5))
-    fewer = computed((facts, replace(whole, drivers=whole.drivers[1:])))
+    fewer = computed((run, replace(whole, drivers=whole.drivers[1:])))
     assert len(fewer.bands[whole.drivers[1:]]) == len(whole.drivers) - 1
     assert fewer.left_out != computed(job).left_out
 
@@ -136,7 +136,7 @@ def test_other_settings_and_drives_are_not_mistaken_for_the_same(job):
 )
 def test_a_damaged_file_of_results_is_computed_again(job, damage):
     first = computed(job)
-    kept = job[0].parent / KEPT
+    kept = job[0] / KEPT
     kept.write_bytes(damage)
     with refusal(r"kept\.sqlite .*changed or damaged.* deleted"):
         computed(job)
@@ -146,10 +146,10 @@ def test_a_damaged_file_of_results_is_computed_again(job, damage):
 
 @pytest.mark.parametrize("kind", ["index", "left_out", "band"])
 def test_an_edited_number_in_a_file_of_results_is_found(job, kind):
-    facts, wanted = job
-    judged = facts, replace(wanted, ads=wanted.left_out)
+    run, wanted = job
+    judged = run, replace(wanted, ads=wanted.left_out)
     computed(judged)
-    kept = facts.parent / KEPT
+    kept = run / KEPT
     with closing(sqlite3.connect(kept)) as connection, connection:
         changed = connection.execute(
             "UPDATE parts SET data = CAST(replace(CAST(data AS TEXT), '0.', '0.1') AS BLOB) WHERE "
@@ -165,7 +165,7 @@ def test_an_edited_number_in_a_file_of_results_is_found(job, kind):
 
 def test_a_file_of_another_version_is_computed_again(job):
     first = computed(job)
-    kept = job[0].parent / KEPT
+    kept = job[0] / KEPT
     with closing(sqlite3.connect(kept)) as connection:
         connection.execute("PRAGMA user_version = 99")
     assert computed(job) == first

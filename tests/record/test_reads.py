@@ -92,7 +92,7 @@ def whole(tmp_path_factory):
 
 
 def stale(folder):
-    with open_store(folder / "run" / "facts.sqlite") as store:
+    with open_store(folder / "run") as store:
         return find_stale(store, folder / "source")
 
 

@@ -143,7 +143,7 @@ def test_changed_drives_of_an_own_reference_are_taken(tmp_path):
         (tmp_path / "people.txt").write_text(str(speed))
         record_facts(Resolved.of(evaluation, tmp_path), tmp_path / "run", resume=speed == 5.0)
     case = "front_vehicle_low_speed-0000-~driver_00"
-    with open_store(tmp_path / "run/facts.sqlite") as store:
+    with open_store(tmp_path / "run") as store:
         assert store.trajectory(case).x[-1] == 95.0
 
 
@@ -151,7 +151,7 @@ def test_resuming_with_fewer_cases_is_refused_and_loses_none(whole):
     before, written = digest(whole), whole / "evaluation.toml"
     run, text = Resolved.of(read_evaluation(written), whole.parent), written.read_text()
     settings = run.settings
-    with open_store(whole / "facts.sqlite") as store:
+    with open_store(whole) as store:
         every = tuple(case for case, *_ in store.names("ads"))
     fewer_points = tuple(case for case in every if "-0000-" in case)
     narrow = [

@@ -40,7 +40,7 @@ def path(tmp_path):
 
 @pytest.fixture
 def store(path):
-    with open_store(path, create=True) as store:
+    with open_store(path.parent, create=True) as store:
         yield store
 
 
@@ -50,7 +50,8 @@ def case(point=7, driver="idm"):
 
 
 def filled(path, order, log=""):
-    with open_store(path, create=True) as store:
+    path.parent.mkdir(exist_ok=True)
+    with open_store(path.parent, create=True) as store:
         for point in order:
             took = Latency(0.1 * len(order), 0.2)
             recording = Recording(drive(seed=point), {}, None, "road_end", (), None, "", took, 0.3)
@@ -110,12 +111,12 @@ def test_a_case_comes_back_as_it_was_recorded(store):
 
 def test_file_without_latencies_still_reads(path):
     """One that an older version wrote has no table of them; what is added to it later has them."""
-    with open_store(path, create=True) as store:
+    with open_store(path.parent, create=True) as store:
         store.add(Outcome(case(), "ok", replace(driven(), controller_latency=TOOK)))
     with closing(sqlite3.connect(path)) as connection, connection:
         connection.execute("DROP TABLE latencies")
     for create in (False, True):
-        with open_store(path, create=create) as store:
+        with open_store(path.parent, create=create) as store:
             (fact,) = store.facts("ads")
             assert fact.latency_max == 2e-5
             assert fact.latency_median is None
@@ -151,10 +152,10 @@ def test_facts_are_selected_by_role_scenario_and_driver_in_the_order_of_points(s
 
 
 def test_a_file_that_is_not_a_facts_file_is_refused(path):
-    with refusal("is not a run folder"), open_store(path):
+    with refusal("is not a run folder"), open_store(path.parent):
         pass
     path.write_text("not a database, but long enough to be mistaken for one " * 30)
-    with refusal("is not a facts file"), open_store(path):
+    with refusal("is not a facts file"), open_store(path.parent):
         pass
 
 
@@ -170,15 +171,15 @@ def test_a_finished_store_is_one_file_that_can_be_read_where_nothing_can_be_writ
 
 def test_reading_a_store_cannot_change_it(path):
     filled(path, [])
-    with open_store(path) as store, refusal("readonly"):
+    with open_store(path.parent) as store, refusal("readonly"):
         store.add(Outcome(case(), "crashed", None, "late"))
 
 
 def test_the_digest_depends_on_the_facts_alone(tmp_path):
-    forth = filled(tmp_path / "a", [1, 2, 3])
-    assert filled(tmp_path / "b", [3, 1, 2], "printed at 12:00") == forth
-    assert filled(tmp_path / "c", [1, 2]) != forth
-    assert filled(tmp_path / "d", [1, 2, 4]) != forth
+    forth = filled(tmp_path / "a/facts.sqlite", [1, 2, 3])
+    assert filled(tmp_path / "b/facts.sqlite", [3, 1, 2], "printed at 12:00") == forth
+    assert filled(tmp_path / "c/facts.sqlite", [1, 2]) != forth
+    assert filled(tmp_path / "d/facts.sqlite", [1, 2, 4]) != forth
 
 
 def test_a_case_with_another_fingerprint_takes_the_place_of_the_old_one(store):
@@ -193,14 +194,14 @@ def test_a_case_with_another_fingerprint_takes_the_place_of_the_old_one(store):
 
 
 def test_a_full_disk_is_reported_and_what_was_recorded_stays(path):
-    with open_store(path, create=True) as store:
+    with open_store(path.parent, create=True) as store:
         store.add(Outcome(case(), "ok", driven()))
         store._connection.execute("PRAGMA max_page_count = 12")
         big = {f"actor_{n}": drive(400, seed=n) for n in range(9)}
         with refusal(r"cannot be written: database or disk is full"):
             store.add(Outcome(case(8), "ok", driven(**big)))
         kept = len(list(store.facts("ads")))
-    with open_store(path) as store:
+    with open_store(path.parent) as store:
         assert len(list(store.facts("ads"))) == kept == 1
 
 
@@ -210,7 +211,7 @@ def test_a_full_disk_is_reported_and_what_was_recorded_stays(path):
 def reads(path):
     """What reading the whole of a file says: nothing, or the sentence it is refused with."""
     try:
-        with open_store(path) as store:
+        with open_store(path.parent) as store:
             for fact in store.facts("ads"):
                 store.trajectories(fact.case)
             return ""
@@ -241,7 +242,7 @@ def test_an_edited_row_is_reported_with_its_case(path, change):
     assert reads(path) == ""
     edit(path, change)
     assert "front_vehicle_cut_out-0002-idm" in reads(path)
-    with refusal("0002"), open_store(path, create=True):
+    with refusal("0002"), open_store(path.parent, create=True):
         pass
 
 
@@ -253,10 +254,10 @@ def test_a_lost_column_is_named(path):
 
 def test_a_case_that_was_taken_out_of_a_complete_run_breaks_its_seal(path):
     filled(path, [1, 2, 3])
-    with open_store(path, create=True) as store:
+    with open_store(path.parent, create=True) as store:
         store.seal()
     assert reads(path) == ""
-    with open_store(path, create=True) as store:
+    with open_store(path.parent, create=True) as store:
         store.remove(["front_vehicle_cut_out-0002-idm"])
     assert "it was complete with 3 cases and holds 2 now" in reads(path)
     edit(path, "DELETE FROM about")
@@ -267,19 +268,20 @@ def test_every_flipped_bit_is_reported_or_changes_nothing(path, tmp_path):
     """Of 300 bits all over a file: each is either refused, or the file says the same to the last
     bit."""
     filled(path, list(range(12)))
-    with open_store(path, create=True) as store:
+    with open_store(path.parent, create=True) as store:
         store.seal()
     whole, rng = path.read_bytes(), np.random.default_rng(5)
-    with open_store(path) as store:
+    with open_store(path.parent) as store:
         before = (store.digest(), [fact.log for fact in store.facts("ads")])
     refused = 0
     for number, place in enumerate(rng.integers(0, len(whole), 300).tolist()):
         broken = bytearray(whole)
         broken[place] ^= 1 << int(rng.integers(8))
-        copy = tmp_path / f"{number}.sqlite"
+        copy = tmp_path / f"{number}/facts.sqlite"
+        copy.parent.mkdir()
         copy.write_bytes(broken)
         try:
-            with open_store(copy) as store:
+            with open_store(copy.parent) as store:
                 assert (store.digest(), [fact.log for fact in store.facts("ads")]) == before, place
         except InputError as error:
             refused += str(copy) in str(error)
@@ -303,7 +305,7 @@ def test_a_file_of_another_format_is_refused_with_what_to_do(path, version, more
     filled(path, [1])
     edit(path, f"PRAGMA user_version = {version}")
     both = f"format version {version}; this sumo_eval reads version {FORMAT_VERSION}.*{more}"
-    with refusal(both), open_store(path):
+    with refusal(both), open_store(path.parent):
         pass
 
 
@@ -318,7 +320,7 @@ def test_a_locked_file_is_refused(path):
 def test_a_folder_in_place_of_the_file_is_refused(path):
     path.mkdir()
     assert "is not a run folder" in reads(path)
-    with refusal("unable to open"), open_store(path, create=True):
+    with refusal("unable to open"), open_store(path.parent, create=True):
         pass
 
 
@@ -332,7 +334,7 @@ def test_an_interrupted_write_leaves_whole_cases_and_a_log_that_is_read(tmp_path
         "from sumo_eval.record.cases import Outcome; from sumo_eval.record.store import "
         "open_store\n"
         "from sumo_eval.trajectory import Recording\n"
-        f"with open_store(Path({str(path)!r}), create=True) as store:\n"
+        f"with open_store(Path({str(tmp_path)!r}), create=True) as store:\n"
         "    for point in range(6):\n"
         "        store.add(Outcome(case(point), 'ok', Recording(drive(seed=point), {}, None, "
         "'road_end')))\n"
@@ -347,7 +349,7 @@ def test_an_interrupted_write_leaves_whole_cases_and_a_log_that_is_read(tmp_path
         path.write_bytes(main)
         log.write_bytes(written[: int(share * len(written))])
         path.with_name("facts.sqlite-shm").unlink(missing_ok=True)
-        with open_store(path) as store:
+        with open_store(path.parent) as store:
             found = [fact.point for fact in store.facts("ads")]
         assert found == list(range(len(found)))
         assert len(found) == 6 or share < 1.0
@@ -359,6 +361,6 @@ def test_what_no_number_or_its_sign_is_comes_back_with_a_hash_that_fits(tmp_path
         Latency(float("nan"), np.float64(-0.0)),
         float("inf"),
     )  # fmt: skip
-    with open_store(tmp_path / "facts.sqlite", create=True) as store:
+    with open_store(tmp_path, create=True) as store:
         store.add(Outcome(case(np.int64(3)), "ok", recording, None, "a\x00b"))
     assert reads(tmp_path / "facts.sqlite") == ""

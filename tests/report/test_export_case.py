@@ -19,7 +19,6 @@ from road_scenes import at_values
 import sumo_eval
 from sumo_eval import Trajectory
 from sumo_eval.cosim.openscenario import opendrive_xml, openscenario_xml
-from sumo_eval.record.run_folder import FACTS
 from sumo_eval.record.store import open_store
 from sumo_eval.report.export_case import export_case
 from sumo_eval.scenario.catalogue import load
@@ -98,7 +97,7 @@ def run(tmp_path_factory):
 
 def drive(run, case):
     """What is recorded of a case: everything that does not differ from machine to machine."""
-    with open_store(run / FACTS) as store:
+    with open_store(run) as store:
         fact = next(fact for fact in store.facts("ads") if fact.case == case)
         vehicles = {
             name: {
@@ -257,7 +256,7 @@ def test_the_openscenario_file_has_the_cases_elements_and_numbers(run, tmp_path)
     # the case ends after 35 s at the latest, the others' vertices too; the ego drives as it was
     # recorded, until its end
     assert max(path) == pytest.approx(35.0)
-    with open_store(run / FACTS) as store:
+    with open_store(run) as store:
         driven = store.trajectory(case)
     ego = vertices(root, "ego")
     assert sorted(ego) == pytest.approx(driven.time.tolist(), abs=1e-6)

@@ -18,7 +18,6 @@ from report_cases import pick
 from sumo_eval.cosim.sumo.gui_replay import sumo_gui
 from sumo_eval.errors import InputError
 from sumo_eval.method.measures import time_to_collision, vehicle_ahead
-from sumo_eval.record.run_folder import FACTS
 from sumo_eval.record.store import open_store
 from sumo_eval.report.page_data import drawn_line, drawn_road
 from sumo_eval.report.replay import recorded, write_replay
@@ -104,7 +103,7 @@ PAINTED = """Promise.all([...document.querySelectorAll('canvas')].map(async (can
 @needs_chromium
 def test_the_replay_page_plays_in_a_browser(evaluation, tmp_path):
     path = replay_of_collision(evaluation, tmp_path, builders.HOSTILE)
-    with open_store(evaluation.folder / FACTS) as store:
+    with open_store(evaluation.folder) as store:
         ego = store.trajectory(collision(evaluation).case)
     with Page(tmp_path / "profile") as page:
         page.open(path.as_uri(), "document.documentElement.dataset.replay === 'ready'")
@@ -202,7 +201,7 @@ def test_a_case_without_a_recording_and_a_companion_that_was_not_there_get_a_sen
 
 def test_a_companion_without_a_recording_is_not_called_unknown(evaluation, tmp_path):
     crashed = next(case for case in evaluation.cases if case.status == "crashed")
-    with open_store(evaluation.folder / FACTS) as store:
+    with open_store(evaluation.folder) as store:
         point = store.fact(crashed.case).point
         (other, *_) = (
             it

@@ -173,7 +173,7 @@ def test_a_run_without_its_trajectories_keeps_its_scores(done, copy, monkeypatch
     scored = sumo_eval.score(copy)
     size = (copy / FACTS).stat().st_size
     gone = discarded(scored)
-    with open_store(copy / FACTS, whole=True) as store:
+    with open_store(copy, whole=True) as store:
         drives = sum(number for *_, number, _ in store.counts())
         stays = {case for case, _, _ in store.names("ads") if store.trajectories(case)}
     assert (copy / FACTS).stat().st_size < size
@@ -282,11 +282,11 @@ def test_answers_from_what_is_kept_import_neither_a_simulator_nor_scipy(done):
 
 def test_released_trajectories_are_in_no_digest(done, copy, tmp_path):
     other = Path(shutil.copytree(done.folder, tmp_path / "other", copy_function=shutil.copy2))
-    with open_store(done.folder / FACTS) as store:
+    with open_store(done.folder) as store:
         digests = [store.digest()]
     for folder in (copy, other):
         assert discarded(sumo_eval.score(folder)) > 0
-        with open_store(folder / FACTS, whole=True) as store:
+        with open_store(folder, whole=True) as store:
             digests.append(store.digest())
     assert digests[1] == digests[2] != digests[0]
     # by the rows alone: there is nothing else of them
@@ -295,5 +295,5 @@ def test_released_trajectories_are_in_no_digest(done, copy, tmp_path):
     assert differences == []
     case = done.cases[0].case
     edit(copy / FACTS, f"UPDATE facts SET status = 'off_road' WHERE \"case\" = '{case}'")
-    with refusal(f"`{case}` .* is not as it was recorded"), open_store(copy / FACTS, whole=True):
+    with refusal(f"`{case}` .* is not as it was recorded"), open_store(copy, whole=True):
         pass

@@ -383,13 +383,13 @@ LOGICAL = catalogue.load("front_vehicle_low_speed")
 RECORDED_TABLE = PlausibilitySettings(table="recorded")
 
 
-def people(path, count, settings):
+def people(folder, count, settings):
     """Person i follows for 20 s, (1 + i / 10) s behind a lead of 10 m/s that started 3.5 * 20 = 70
     m ahead."""
     concrete = LOGICAL.concrete(ego_speed=20.0, lead_speed=10.0)
     time = np.arange(201) / 10.0
     (lead,) = concrete.actors
-    with open_store(path, create=True) as store:
+    with open_store(folder, create=True) as store:
         for index in range(count):
             gap = 10.0 * (1.0 + index / 10.0)
             x = np.array([lead.x(t) for t in time]) - 0.5 * (lead.length + 4.5) - gap
@@ -403,12 +403,12 @@ def add(store, concrete, index, drive):
 
 
 def test_the_default_is_the_people_of_the_motorway_and_says_nothing(tmp_path):
-    found = people(tmp_path / "facts.sqlite", 3, PlausibilitySettings())
+    found = people(tmp_path, 3, PlausibilitySettings())
     assert found == (MOTORWAY_PEOPLE, ())
 
 
 def test_the_recorded_drivers_of_the_run_are_measured_among_its_other_vehicles(tmp_path):
-    found, notes = people(tmp_path / "facts.sqlite", 40, RECORDED_TABLE)
+    found, notes = people(tmp_path, 40, RECORDED_TABLE)
     assert tuple(map(score_note, notes)) == (
         "Plausibility compares with 40 recorded drivers of the run (40 drives).",
     )
@@ -425,7 +425,7 @@ def test_people_meet_an_actor_where_it_crosses(tmp_path):
     s. The nearest front, at 290 + 5.6 + 2.25 m, is then 1.25 m away, at 1 m/s."""
     logical, time = catalogue.load("crossing_path"), np.arange(61) / 10.0
     concrete = logical.concrete(ego_speed=14.0, other_speed=10.0, arrival=1.0)
-    with open_store(tmp_path / "facts.sqlite", create=True) as store:
+    with open_store(tmp_path, create=True) as store:
         for index in range(LEAST_PEOPLE):
             add(store, concrete, index, Trajectory(time, 290.0 - index + time, 0.0 * time))
         found = plausible_people(logical, store, RECORDED_TABLE)[0]
@@ -433,7 +433,7 @@ def test_people_meet_an_actor_where_it_crosses(tmp_path):
 
 
 def test_too_few_recorded_drivers_give_no_table_and_a_note(tmp_path):
-    found, notes = people(tmp_path / "facts.sqlite", LEAST_PEOPLE - 1, RECORDED_TABLE)
+    found, notes = people(tmp_path, LEAST_PEOPLE - 1, RECORDED_TABLE)
     assert found is MOTORWAY_PEOPLE
     assert tuple(map(score_note, notes)) == (
         "Plausibility compares with 213 people on a motorway: the run has 19 recorded drivers in "

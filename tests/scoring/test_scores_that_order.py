@@ -43,7 +43,7 @@ def rows(evaluation, ads):
 
 def facts_of(run):
     """A hash of each of the drives of `idm`, trajectories and all."""
-    with open_store(run / "facts.sqlite") as store:
+    with open_store(run) as store:
         return [
             store.drive(case)
             for case, _, who in sorted(store.names("ads", CUT_OUT))
@@ -63,7 +63,7 @@ def test_the_references_are_driven_at_every_point(both):
     for case in both.cases:
         assert case.ideal_severity is not None
         assert case.no_reaction_severity is not None
-    with open_store(both.folder / "facts.sqlite") as store:
+    with open_store(both.folder) as store:
         for role in ("ideal", "no_reaction"):
             assert len(list(store.names(role, CUT_OUT))) == len(rows(both, "idm"))
 

@@ -17,7 +17,6 @@ from scipy.optimize import brentq
 import sumo_eval
 from sumo_eval.cosim import simulate
 from sumo_eval.cosim.doors.observation import stream_of
-from sumo_eval.record.run_folder import FACTS
 from sumo_eval.record.store import open_store
 from sumo_eval.report.explain import known_case
 from sumo_eval.report.levers_section import effect_words
@@ -117,7 +116,7 @@ def test_law_a_longer_delay_saves_no_ads_that_brakes_later_by_it(folder, hit):
 
 
 def test_replay_marks_the_last_moment_to_brake(folder, hit):
-    with open_store(folder / FACTS) as store:
+    with open_store(folder) as store:
         mark = contact_of(hit, store.trajectory(hit.case))
     assert 0.0 < mark["last"] == cause_of_contact(hit).no_return_time < mark["time"]
 

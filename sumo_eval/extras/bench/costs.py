@@ -251,7 +251,7 @@ def _storing(concretes: Sequence[ConcreteScenario], recordings: Sequence[Recordi
     """Cost of writing recordings, one of each concrete scenario, into a run's facts."""
     with (
         tempfile.TemporaryDirectory() as folder,
-        open_store(Path(folder) / "facts.sqlite", create=True) as store,
+        open_store(Path(folder), create=True) as store,
     ):
         outcomes = [
             Outcome(

@@ -10,7 +10,6 @@ from sumo_eval.case_table import CaseTable
 from sumo_eval.cases import CaseResult
 from sumo_eval.errors import InputError, check_known, must_be, unknown
 from sumo_eval.frozen import frozen
-from sumo_eval.record.run_folder import FACTS
 from sumo_eval.record.store import EGO, open_store
 from sumo_eval.results import Evaluation, ScenarioResult
 from sumo_eval.scenario.road.reference_line import Piece
@@ -133,7 +132,7 @@ def driven_point(request: FigureRequest, ads: Sequence[str]) -> DrivenPoint:
     Raises InputError where no trajectory of these ADSs is kept.
     """
     evaluation, case = request.evaluation, request.row
-    with open_store(evaluation.folder / FACTS) as store:
+    with open_store(evaluation.folder) as store:
         drives = list(store.names("ads", case.scenario))  # (case, number of its point, ADS)
         point = next(number for key, number, _ in drives if key == case.case)
         case_of = {name: key for key, number, name in drives if number == point}

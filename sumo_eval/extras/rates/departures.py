@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 from sumo_eval.errors import InputError
 from sumo_eval.extras.panels import COLOURED_LINES, Marks, Panel, on_page
-from sumo_eval.record.run_folder import FACTS, resolved_run
+from sumo_eval.record.run_folder import resolved_run
 from sumo_eval.record.store import EGO, open_store
 from sumo_eval.report.study_page import Table, write_study
 from sumo_eval.scenario.concrete import departures
@@ -75,7 +75,7 @@ def departures_in(run: Path) -> tuple[list[SceneDrive], int]:
     Raises InputError where there is none.
     """
     scenarios, drives, left_out = resolved_run(run).scenarios, [], 0
-    with open_store(run / FACTS) as store:
+    with open_store(run) as store:
         for fact in store.facts("ads"):
             recorded = scenarios[fact.scenario].concrete(**fact.values).ego.recorded
             drive = store.trajectories(fact.case).get(EGO) if recorded else None

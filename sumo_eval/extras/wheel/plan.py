@@ -15,7 +15,7 @@ from sumo_eval.errors import InputError, check_known, must_be
 from sumo_eval.extras.wheel.quality import QualitySettings
 from sumo_eval.frozen import frozen, required
 from sumo_eval.groups import grouped
-from sumo_eval.record.run_folder import FACTS, resolved_run
+from sumo_eval.record.run_folder import resolved_run
 from sumo_eval.record.store import Fact, open_store
 from sumo_eval.scenario.concrete import ConcreteScenario
 from sumo_eval.settings.checked import (
@@ -159,7 +159,7 @@ def read_study(path: Path) -> StudyPlan:
     """
     settings = read_checked(path, StudySettings, "study file")
     run = (path.parent / settings.run).absolute()
-    with open_store(run / FACTS) as store:
+    with open_store(run) as store:
         # only safe points have drives of human drivers
         safe_keys = {_key(fact) for fact in store.facts("human")}
         # A replay needs trajectories. Drives that failed, or whose trajectories were discarded,

@@ -31,7 +31,6 @@ from sumo_eval.extras.wheel.plan import (
 from sumo_eval.extras.wheel.tape import json_lines
 from sumo_eval.extras.wheel.trip import ENDS, TASK, new_tape, one_drive, settings_at
 from sumo_eval.input_file import taking_apart, writing
-from sumo_eval.record.run_folder import FACTS
 from sumo_eval.record.store import open_store
 from sumo_eval.report.page import Json
 from sumo_eval.scenario.concrete import Actor, ConcreteScenario, Road, Start
@@ -345,7 +344,7 @@ async def rate(
 ) -> None:
     """A replay of a recorded drive of an ADS without its name, and the questions about it."""
     fact = case.ads[ads]
-    with open_store(plan.run / FACTS) as store:
+    with open_store(plan.run) as store:
         vehicles = store.trajectories(fact.case)
     questions = [SCORE, *(it for it in plan.settings.question if it.after == "replay")]
     answers = await asked_of(

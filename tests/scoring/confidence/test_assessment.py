@@ -15,7 +15,6 @@ from sumo_eval.method.anthropomorphic import anthropomorphic_index
 from sumo_eval.method.zone_partition import partition
 from sumo_eval.record.human_reference import PointJob, compute_points
 from sumo_eval.record.kept_results import KeptResults
-from sumo_eval.record.run_folder import FACTS
 from sumo_eval.record.store import open_store
 from sumo_eval.scenario import catalogue
 from sumo_eval.scoring.case_terms import CaseTerms
@@ -88,7 +87,7 @@ def test_the_drivers_errors_are_those_of_a_plain_loop(evaluation, partitions):
     coarse = replace(fine, slice_spacing=fine.band_slice_spacing)
     assert fine.band_slice_spacing > fine.slice_spacing
     names = [f"driver_{index:02d}" for index in range(builders.DRIVERS)]
-    with open_store(evaluation.folder / FACTS) as store:
+    with open_store(evaluation.folder) as store:
         drives = {
             case.case: tuple(f"{CUT_OUT}-{case.case.split('-')[1]}-~{name}" for name in names)
             for case in safe
@@ -100,7 +99,7 @@ def test_the_drivers_errors_are_those_of_a_plain_loop(evaluation, partitions):
             for case in safe
         ]
         kept = KeptResults(evaluation.folder)
-        found = compute_points(store.path, jobs, fine, map, lambda done: None, kept)
+        found = compute_points(evaluation.folder, jobs, fine, map, lambda done: None, kept)
         kept.close()
         left_out = {case: (one, names) for case, one in found.left_out.items()}
         everybody = list(range(builders.DRIVERS))

@@ -262,7 +262,7 @@ def _digest(workers: int, batch: int) -> str:
     ]
     with TemporaryDirectory() as folder:
         setup = Setup(settings, RunSettings(workers=workers, cases_per_pack=batch), Path(folder))
-        with open_store(Path(folder) / "facts.sqlite", create=True) as store:
+        with open_store(Path(folder), create=True) as store:
             for outcomes in run_batches(cases, setup):
                 store.add(*outcomes)
             return store.digest()[:12]
