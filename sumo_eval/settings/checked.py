@@ -191,7 +191,7 @@ class Mistake(NamedTuple):
         path = "".join(
             f"[{part}]" if isinstance(part, int) else f".{part}" for part in self.place
         ).removeprefix(".")
-        subject = f"`{path}` {owner}" if path else owner.removeprefix("in ")
+        subject = f"`{path}` {owner}" if self.place else owner.removeprefix("in ")
         return f"{self.begin}{subject}{self.end}"
 
 

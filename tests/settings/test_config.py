@@ -127,6 +127,7 @@ def test_a_change_reaches_the_setting_it_names_and_no_other():
     "method.score.a=600", "`method.score.a`"
     "method.score.a", "KEY=VALUE"
     "method.score.a.b=3", "Unknown setting"
+    "=5", "Unknown key `` in --set. Known: name"
     """),
 )
 def test_a_wrong_change_is_refused(change, sentence):
