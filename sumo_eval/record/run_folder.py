@@ -225,9 +225,11 @@ def check_complete(store: Store, folder: Path) -> None:
 def refuse_incomplete(store: Store, folder: Path) -> None:
     """Refuse a run, or a shard of one, that has not recorded all of its cases."""
     if not store.sealed:
+        shard = store.noted(SHARD)
+        more = "" if shard in ("", "1/1") else f" --shard {shard}"
         raise InputError(
             f"Run {folder} is not complete; continue with: sumo-eval run --out "
-            f"{shlex.quote(str(folder))} --resume."
+            f"{shlex.quote(str(folder))} --resume{more}."
         )
 
 

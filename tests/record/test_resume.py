@@ -8,6 +8,7 @@ import signal
 import subprocess
 import time
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -22,7 +23,7 @@ from tables import in_campaign
 import sumo_eval
 from sumo_eval.errors import InputError, StoppedError
 from sumo_eval.record.facts import merge, parse_shard, record_facts, resolve, verify
-from sumo_eval.record.run_folder import only_writer
+from sumo_eval.record.run_folder import FACTS, SHARD, only_writer, refuse_incomplete
 from sumo_eval.record.store import open_store
 from sumo_eval.scenario.resolved import Resolved
 from sumo_eval.settings import DriverSettings
@@ -365,6 +366,14 @@ def test_a_caller_can_stop_a_run_and_continue(whole, tmp_path, path):
         sumo_eval.evaluate(path, tmp_path / "run", progress=count, stopping=lambda: len(seen) > 3)
     with refusal("is not complete; continue with"):
         verify(tmp_path / "run", 1.0)
+    with open_store(tmp_path / "run" / FACTS, create=True) as store:
+        refuse = partial(refuse_incomplete, store, tmp_path / "run")
+        with refusal("--resume[.]$"):
+            refuse()
+        store.note(SHARD, "2/3")
+        with refusal("--resume --shard 2/3[.]$"):
+            refuse()
+        store.note(SHARD, "1/1")
     for command_line in (("export",), ("whatif", "--all-collisions")):
         result = sumo_eval_cli(*command_line, tmp_path / "run", status=2)
         assert "is not complete; continue with" in result.said
