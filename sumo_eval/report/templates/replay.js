@@ -261,7 +261,11 @@ const sumoReplay = (() => {
     for (const [name, actor] of present(view, time)) car(actor, touching(view, time) && name === view.contact.other ? paper.contact : COLOURS.actor, false);
     const corners_ = lastBody(context, view, mapped(road, view.ego), px);
     car(view.ego, touching(view, time) ? paper.contact : colour, false);
-    lastWords(context, corners_, namer(context, width));
+    const names = namer(context, width);
+    for (const [name, t] of [["ego", view.ego], ...present(view, time)]) {
+      names.above(name, px(onMap(road, at(t, "x", time), at(t, "y", time))), t.width * scale / 2);
+    }
+    lastWords(context, corners_, names);
   }
 
   /** The roads that cross, each as a ring along and across this one; along a bend they keep their width at its line. */
@@ -376,7 +380,12 @@ const sumoReplay = (() => {
       context.textAlign = "center";
       context.fillText(words, x, bottom - 3);
     }
-    return { halfOf, write, keepFree: (box) => taken.push(box) };
+    /** Above a body with this centre; side: half its width, px. */
+    function above(name, [x, y], side) {
+      const half = halfOf(name);
+      if (x + half >= 0 && x - half <= width) write(name, x, y - side - 4, paper.ink);
+    }
+    return { halfOf, write, above, keepFree: (box) => taken.push(box) };
   }
 
   // --- from above ----------------------------------------------------------------------------------------------------
@@ -485,10 +494,7 @@ const sumoReplay = (() => {
       context.fillText(name, x, y + 3.5);
       names.keepFree([x - half, x + half, y - side, y + side]);
     }
-    for (const [name, t] of over) {
-      const half = names.halfOf(name), [x, y] = onSheet([at(t, "x", time), at(t, "y", time)]);
-      if (x + half >= 0 && x - half <= width) names.write(name, x, y - t.width * scale / 2 - 4, paper.ink);
-    }
+    for (const [name, t] of over) names.above(name, onSheet([at(t, "x", time), at(t, "y", time)]), t.width * scale / 2);
     lastWords(context, places, names);
     if (!touching(view, time)) return;
     const hit = view.actors.find(([name]) => name === view.contact.other);
