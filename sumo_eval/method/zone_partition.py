@@ -17,7 +17,7 @@ call; its fields, which a run's cache stores (`fitted_parts`); results to the la
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, fields, replace
-from functools import cached_property, lru_cache
+from functools import cached_property, lru_cache, partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -128,15 +128,14 @@ class ZonePartition:
 
     def _nearest(self, unit: FloatArray) -> IntArray:
         """Number of the nearest zone of points in the unit box, (..., k); there must be a zone."""
-        return np.asarray(self.zone_index[self._zone_tree.query(unit)[1]])
+        return np.asarray(self.zone_index[self._trees[0].query(unit)[1]])
 
     @cached_property
-    def _zone_tree(self) -> Any:
-        return _tree(self.zone_points)
+    def _trees(self) -> tuple[Any, Any]:
+        """Search trees of `zone_points` and of `boundary`."""
+        from scipy.spatial import KDTree  # takes time to import
 
-    @cached_property
-    def _boundary_tree(self) -> Any:
-        return _tree(self.boundary)
+        return KDTree(self.zone_points), KDTree(self.boundary)
 
     def members(self, zone: int, points: FloatArray) -> FloatArray:
         """Those of the points (n, k) that satisfy the constraints, are hazardous for the GP, and
@@ -170,19 +169,12 @@ class ZonePartition:
         sign = np.where(self.surface.value(unit) <= 0.0, -1.0, 1.0)
         if not len(self.boundary):
             return sign * np.inf
-        distance, nearest = self._boundary_tree.query(unit)
+        distance, nearest = self._trees[1].query(unit)
         foot = nearest_on_boundary(self.surface, unit, self.boundary[nearest])
         refined = np.linalg.norm(foot - unit, axis=-1)
         # where the search has not ended on the boundary within the space, `distance` stays
         is_boundary = (np.abs(self.surface.value(foot)) < EDGE) & exists(self.logical, foot)
         return np.asarray(sign * np.where(is_boundary & (refined <= distance), refined, distance))
-
-
-def _tree(points: FloatArray) -> Any:
-    """A search tree of points (n, k)."""
-    from scipy.spatial import KDTree  # takes time to import
-
-    return KDTree(points)
 
 
 def partition(
@@ -243,7 +235,11 @@ def partition(
         cell = max(1.0 / (len(axis) - 1) for axis in axes)  # unit-box width of the widest cell
         worst = tuple(
             most_dangerous_point(
-                zones, number, np.concatenate([grid[zone == number], training]), cell
+                logical,
+                settings,
+                partial(zones.members, number),
+                np.concatenate([grid[zone == number], training]),
+                cell,
             )
             for number in range(zones.zones)
         )

@@ -4,7 +4,7 @@ Users: `method/zone_partition.py`. Fixed: results to the last bit, because Eq. 1
 from the most dangerous points.
 """
 
-from typing import Any
+from collections.abc import Callable
 
 import numpy as np
 
@@ -13,6 +13,7 @@ from sumo_eval.method.zone_surface import Surface
 from sumo_eval.method.zone_training import EDGE
 from sumo_eval.scenario import LogicalScenario
 from sumo_eval.scenario.sampling.grid import mesh
+from sumo_eval.settings import ZoneSettings
 from sumo_eval.trajectory import BoolArray, FloatArray, IntArray
 
 # Half of the window, unit-box length, at which the search for a most dangerous point ends. The
@@ -21,6 +22,9 @@ SMALLEST_WINDOW, SEARCHED_WINDOW = 1e-12, 1e-3
 ROUNDS = 200  # most windows of this search; usually the smallest window is reached long before
 REGULA_FALSI = 5  # steps that put a crossing of a grid line onto the curved surface
 HALF_STEPS = 60  # of the search for the nearest boundary point
+
+Members = Callable[[FloatArray], FloatArray]
+"""Those of some points (n, k), in the parameters' units, that are in a zone."""
 
 
 def exists(logical: LogicalScenario, unit: FloatArray) -> BoolArray:
@@ -98,12 +102,16 @@ def nearest_on_boundary(surface: Surface, unit: FloatArray, foot: FloatArray) ->
 
 
 def most_dangerous_point(
-    zones: Any, number: int, candidates: FloatArray, cell: float
+    logical: LogicalScenario,
+    settings: ZoneSettings,
+    members: Members,
+    candidates: FloatArray,
+    cell: float,
 ) -> dict[str, float]:
     """The most dangerous point of a zone, first in the order of `_by_danger`: name -> value.
 
-    zones: a `ZonePartition`. (Its file imports this one, so its type cannot be named here.)
-    number: of the zone.
+    settings: `[method.zones]`.
+    members: of the zone.
     candidates: points at which the search may begin, (n, k), in the parameters' units.
     cell: half of the first window's width, unit box.
 
@@ -112,11 +120,10 @@ def most_dangerous_point(
     none is worse, it shrinks the window. This finds corners between a constraint and the box, where
     no grid point lies. In the end the point is rounded.
     """
-    logical = zones.logical
     searched = logical.search is not None
     k = len(logical.parameters)
-    members = zones.members(number, candidates)
-    best = members[_by_danger(zones, members)[0]]
+    inside = members(candidates)
+    best = inside[_by_danger(logical, settings, inside)[0]]
     half_width = cell
     # values on each axis of a window, fewer with more parameters: a window of k parameters has the
     # k-th power of them
@@ -125,38 +132,39 @@ def most_dangerous_point(
     for _ in range(ROUNDS):
         around = logical.from_unit(np.clip(logical.to_unit(best) + half_width * offsets, 0.0, 1.0))
         rows = np.concatenate([best[None, :], around[logical.feasible(around)]])
-        order = _by_danger(zones, rows)
+        order = _by_danger(logical, settings, rows)
         # `best` is row 0, whose place in `order` is argmin(order). The rows before it are more
         # dangerous. Only these are looked up in the zone, because the GP takes most of the time.
-        worse = zones.members(number, rows[order[: np.argmin(order)]])
+        worse = members(rows[order[: np.argmin(order)]])
         if len(worse):
             best = worse[0]
         else:
             half_width *= 0.4
         if half_width < (SEARCHED_WINDOW if searched else SMALLEST_WINDOW):
             break
-    rounded = _rounded(zones, number, best, SEARCHED_WINDOW if searched else 1e-7)
+    rounded = _rounded(logical, members, best, SEARCHED_WINDOW if searched else 1e-7)
     return dict(zip(logical.names, rounded.tolist(), strict=True))
 
 
-def _rounded(zones: Any, number: int, point: FloatArray, tolerance: float) -> FloatArray:
+def _rounded(
+    logical: LogicalScenario, members: Members, point: FloatArray, tolerance: float
+) -> FloatArray:
     """The point with the fewest decimal places with which it moves by less than `tolerance`
     (unit-box length) along each axis, and stays in its zone.
     """
-    logical = zones.logical
     for digits in range(10):  # if 9 places are too few, the point stays as it is
         rounded = np.clip(np.round(point, digits), logical.low, logical.high)
         near = np.all(np.abs(logical.to_unit(rounded) - logical.to_unit(point)) < tolerance)
-        if near and len(zones.members(number, rounded[None, :])):
+        if near and len(members(rounded[None, :])):
             return rounded
     return point
 
 
-def _by_danger(zones: Any, points: FloatArray) -> IntArray:
+def _by_danger(logical: LogicalScenario, settings: ZoneSettings, points: FloatArray) -> IntArray:
     """Indices of points (n, k), the most dangerous first: by largest impact speed, then by largest
     max ITTC, smallest gap, smallest parameters.
     """
-    danger = criticality(zones.logical, points, zones.settings)
+    danger = criticality(logical, points, settings)
     # rounded, so that the last digit does not decide between points of equal danger
     keys = (np.round(danger.gap, 9), -np.round(danger.inverse, 9), -np.round(danger.impact, 9))
     # lexsort takes the last key first, so the first parameter is the last of its block
