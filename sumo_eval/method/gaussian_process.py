@@ -11,6 +11,7 @@ for each hyperparameter.
 Users: `method/zone_surface.py`. Fixed: the seeds and starts of the search, on which zones depend.
 """
 
+from collections.abc import Callable
 from typing import NamedTuple, Self
 
 import numpy as np
@@ -60,42 +61,41 @@ def covariance(points: FloatArray, parameters: Hyperparameters) -> FloatArray:
     return k
 
 
-class MarginalLikelihood:
-    """-log p(y | x, theta), the function that the hyperparameters theta minimise.
+Likelihood = Callable[[FloatArray], tuple[float, FloatArray]]
+"""-log p(y | x, theta) at theta (log sf^2, log sl (k,), log sn^2), (k + 2,), and its gradient,
+(k + 2,). Infinite where K is not positive definite in floating point.
+"""
+
+
+def marginal_likelihood(
+    points: FloatArray, target: FloatArray, variances: FloatArray
+) -> Likelihood:
+    """The function that the hyperparameters theta minimise.
 
     points: x, (n, k), unit box.
     target: y, (n,), within -1..1.
     variances: of each target, added to K's diagonal, (n,).
     """
+    n = len(target)
+    # Squared distances along each coordinate, (k, n*n), doubled above the diagonal and 0 below: the
+    # function multiplies them with `inner`, which is right above the diagonal only. Both are
+    # symmetric, so twice the sum over one triangle is the sum over both.
+    squares = (points.T[:, :, None] - points.T[:, None, :]) ** 2
+    squares = 2.0 * np.triu(squares).reshape(points.shape[1], -1)
 
-    def __init__(self, points: FloatArray, target: FloatArray, variances: FloatArray) -> None:
-        self._points, self._target, self._variances = points, target, variances
-        # Squared distances along each coordinate, (k, n*n), doubled above the diagonal and 0 below:
-        # `__call__` multiplies them with `inner`, which is right above the diagonal only. Both are
-        # symmetric, so twice the sum over one triangle is the sum over both.
-        squares = (points.T[:, :, None] - points.T[:, None, :]) ** 2
-        self._squares = 2.0 * np.triu(squares).reshape(points.shape[1], -1)
-
-    def __call__(self, theta: FloatArray) -> tuple[float, FloatArray]:
-        """The value at theta, and its gradient, (k + 2,).
-
-        theta: log sf^2, log sl (k,), log sn^2, (k + 2,).
-
-        Infinite where K is not positive definite in floating point.
-        """
+    def at(theta: FloatArray) -> tuple[float, FloatArray]:
+        """The value at theta, and its gradient."""
         parameters = Hyperparameters.of_logarithms(theta)
-        y = self._target
-        n = len(self._target)
-        k = covariance(self._points, parameters)
-        k[np.diag_indices_from(k)] += self._variances
+        k = covariance(points, parameters)
+        k[np.diag_indices_from(k)] += variances
         # Cholesky: K = factor factor^T. K is symmetric, and `k.T` has Fortran's order of elements,
         # which LAPACK needs. `k` is not overwritten.
         factor, status = lapack.dpotrf(k.T, lower=1, clean=1)
         if status:  # K is not positive definite
             return np.inf, np.zeros(len(theta))
-        weights, _ = lapack.dpotrs(factor, y, lower=1)  # K^-1 y
+        weights, _ = lapack.dpotrs(factor, target, lower=1)  # K^-1 y
         value = (
-            0.5 * float(y @ weights)
+            0.5 * float(target @ weights)
             + float(np.log(factor.diagonal()).sum())
             + 0.5 * n * np.log(2.0 * np.pi)
         )
@@ -103,21 +103,23 @@ class MarginalLikelihood:
         # Eq. 5.9: d log p / d theta = tr(inner dK/dtheta) / 2, inner = weights weights^T - K^-1
         inner = np.outer(weights, weights)
         # dpotri fills the lower triangle alone, which is the upper one of `inverse.T`. So `inner`
-        # is wrong below its diagonal, where `_squares` is 0.
+        # is wrong below its diagonal, where `squares` is 0.
         inner -= inverse.T
         diagonal = inner.diagonal().copy()
         by_noise = parameters.noise * float(diagonal.sum())
         # K includes the variances: dK / d log sf^2 = K - sn^2 I - diag(variances). Of K alone
         # tr(inner K) = weights^T y - n, because K weights = y.
-        by_signal = float(y @ weights) - n - by_noise - float(diagonal @ self._variances)
+        by_signal = float(target @ weights) - n - by_noise - float(diagonal @ variances)
         # dK / d log sl = K (x - x')^2 / sl^2 for each coordinate, element by element
         inner *= k
-        by_scales = self._squares @ inner.ravel() / np.array(parameters.length_scales) ** 2
+        by_scales = squares @ inner.ravel() / np.array(parameters.length_scales) ** 2
         return value, -0.5 * np.array([by_signal, *by_scales, by_noise])
+
+    return at
 
 
 def most_likely(
-    likelihood: MarginalLikelihood,
+    likelihood: Likelihood,
     start: Hyperparameters,
     bounds: FloatArray,
     *,

@@ -178,7 +178,7 @@ def _likeliest(
     target: y of each, (n,).
     variances: of each training value, (n,).
     """
-    from sumo_eval.method.gaussian_process import Hyperparameters, MarginalLikelihood, most_likely
+    from sumo_eval.method.gaussian_process import Hyperparameters, marginal_likelihood, most_likely
 
     n, m = unit.shape
     # along each coordinate: the widest gap between its values, at least that of an even grid
@@ -190,7 +190,7 @@ def _likeliest(
     # variance of the signal, length scales, variance of the noise
     start = Hyperparameters(1.0, tuple(np.maximum(0.5, 2.0 * spacing).tolist()), 1e-3)
     sample = np.random.default_rng(SEED).permutation(n)[:SEARCH_POINTS]
-    likelihood = MarginalLikelihood(unit[sample], target[sample], variances[sample])
+    likelihood = marginal_likelihood(unit[sample], target[sample], variances[sample])
     theta, failures = most_likely(likelihood, start, bounds, restarts=settings.restarts, seed=SEED)
     notes = []
     if failures:

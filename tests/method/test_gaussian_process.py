@@ -8,8 +8,8 @@ from sklearn.gaussian_process.kernels import RBF, ConstantKernel, WhiteKernel
 
 from sumo_eval.method.gaussian_process import (
     Hyperparameters,
-    MarginalLikelihood,
     covariance,
+    marginal_likelihood,
     most_likely,
 )
 
@@ -41,7 +41,7 @@ def test_the_covariance_is_scikit_learns_to_the_bit():
 @pytest.mark.parametrize("shift", [0.0, 0.6, -1.1])
 def test_the_likelihood_and_its_gradient_are_scikit_learns(shift):
     theta = SOME.logarithms + shift * np.array([1.0, -1.0, 0.5, 1.0, 2.0])
-    value, gradient = MarginalLikelihood(POINTS, TARGET, VARIANCES)(theta)
+    value, gradient = marginal_likelihood(POINTS, TARGET, VARIANCES)(theta)
     other = GaussianProcessRegressor(textbook(), alpha=VARIANCES, optimizer=None).fit(
         POINTS, TARGET
     )
@@ -51,7 +51,7 @@ def test_the_likelihood_and_its_gradient_are_scikit_learns(shift):
 
 
 def test_law_the_gradient_is_how_the_value_changes():
-    likelihood = MarginalLikelihood(POINTS, TARGET, VARIANCES)
+    likelihood = marginal_likelihood(POINTS, TARGET, VARIANCES)
     differences = approx_fprime(SOME.logarithms, lambda theta: likelihood(theta)[0], 1e-6)
     assert likelihood(SOME.logarithms)[1] == pytest.approx(differences, rel=1e-4)
 
@@ -60,7 +60,7 @@ def test_a_covariance_that_cannot_be_factored_is_infinitely_unlikely():
     # Twice the same point and no variance at all: K is singular; a huge signal rounds the noise of
     # 1e-300 away.
     twice = np.array([[0.5], [0.5], [0.1]])
-    likelihood = MarginalLikelihood(twice, np.array([1.0, 1.0, 0.0]), np.zeros(3))
+    likelihood = marginal_likelihood(twice, np.array([1.0, 1.0, 0.0]), np.zeros(3))
     value, gradient = likelihood(Hyperparameters(1e6, (1.0,), 1e-300).logarithms)
     assert value == np.inf
     assert np.all(gradient == 0.0)
@@ -70,7 +70,7 @@ def test_a_covariance_that_cannot_be_factored_is_infinitely_unlikely():
 @pytest.mark.filterwarnings("ignore::sklearn.exceptions.ConvergenceWarning")
 def test_the_search_ends_where_scikit_learns_does():
     theta, failures = most_likely(
-        MarginalLikelihood(POINTS, TARGET, VARIANCES), SOME, BOUNDS, restarts=2, seed=20220
+        marginal_likelihood(POINTS, TARGET, VARIANCES), SOME, BOUNDS, restarts=2, seed=20220
     )
     other = GaussianProcessRegressor(
         textbook(), alpha=VARIANCES, n_restarts_optimizer=2, random_state=20220
