@@ -38,8 +38,8 @@ from sumo_eval.method.compared_drives import (
     slice_positions,
 )
 from sumo_eval.method.index_terms import (
-    Comparison,
     IndexNote,
+    SlicedDrives,
     centre_term,
     choice_notes,
     field_term,
@@ -275,7 +275,7 @@ def _indexes(
         y = np.array([centres(index, slices) for index in compared])
         field = fields[pairing.ads, slices][[used.index(index) for index in compared]]
         return _index(
-            Comparison(ads, drivers, choice, slice_positions(*slices), y, field), road, settings
+            SlicedDrives(ads, drivers, choice, slice_positions(*slices), y, field), road, settings
         )
 
     indexes = []
@@ -316,7 +316,7 @@ def _choice(
 
 
 def _index(
-    compared: Comparison, road: Road, settings: AnthropomorphicSettings
+    compared: SlicedDrives, road: Road, settings: AnthropomorphicSettings
 ) -> AnthropomorphicIndex:
     """Eqs. 11-12: D_i = f_L f_n mean(min(1, pt/pt_2sigma) min(1, pv/pv_2sigma)).
 

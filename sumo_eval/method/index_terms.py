@@ -61,7 +61,7 @@ class IndexNote:
     manoeuvre: Manoeuvre = ()
 
 
-class Comparison(NamedTuple):
+class SlicedDrives(NamedTuple):
     """An ADS and k drivers at m slices. Row 0 of `y` and of `fields` is the ADS's.
 
     choice: drivers that count; in mixture mode those of the ADS's manoeuvre, else all.
@@ -93,7 +93,7 @@ def gaussian_similarity(value: ArrayLike, mean: ArrayLike, deviation: ArrayLike)
 
 
 def centre_term(
-    compared: Comparison, road: Road, settings: AnthropomorphicSettings
+    compared: SlicedDrives, road: Road, settings: AnthropomorphicSettings
 ) -> tuple[FloatArray, list[IndexNote]]:
     """Eq. 11: centre term min(1, pt / pt_2sigma) at each slice, (m,), and notes.
 
@@ -142,7 +142,7 @@ def _two_groups(y: FloatArray, gap: float) -> BoolArray:
 
 
 def field_term(
-    compared: Comparison, settings: AnthropomorphicSettings
+    compared: SlicedDrives, settings: AnthropomorphicSettings
 ) -> tuple[FloatArray, list[IndexNote]]:
     """Eq. 11: field term min(1, pv / pv_2sigma) at each sample point, (m, p), and notes.
 
