@@ -127,7 +127,7 @@ def _assessment_json(item: Assessment, coverage: SpaceCoverage) -> Json:
     """
     plain: Json = {"ads": item.ads, "scenario": item.scenario, "reason": item.reason}
     plain |= {name: asdict(interval) for name, interval in item.intervals.items()}
-    plain |= {f"{name}_half_width_by_source": dict(parts) for name, parts in item.sources.items()}
+    plain |= {f"{name}_half_width_by_source": parts for name, parts in item.sources.items()}
     if item.risk is not None:
         plain |= asdict(item.risk)
     if item.further is not None:

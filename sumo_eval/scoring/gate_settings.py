@@ -13,7 +13,7 @@ from typing import Annotated, Literal
 from annotated_types import Ge, Le
 
 from sumo_eval.case_table import NUMBERS
-from sumo_eval.errors import InputError, unknown
+from sumo_eval.errors import InputError, check_known
 from sumo_eval.frozen import frozen, required
 from sumo_eval.scoring.case_terms import SCORES
 from sumo_eval.settings.checked import (
@@ -297,9 +297,8 @@ def read_gate(path: Path | None) -> GateSettings:
     settings = read_checked(path, GateSettings, "gate file")
     for number, limit in enumerate(settings.limit, start=1):
         _check(limit, f"`limit` {number} in {path}")
-    for measure in settings.watched:
-        if measure.quantity not in NUMBERS:
-            raise unknown(f"column of a `measure` in {path}", measure.quantity, NUMBERS)
+    quantities = (measure.quantity for measure in settings.watched)
+    check_known(f"column of a `measure` in {path}", NUMBERS, *quantities)
     return settings
 
 
@@ -308,8 +307,7 @@ def _check(limit: LimitSettings, where: str) -> None:
 
     where: the limit and its file, for messages.
     """
-    if limit.quantity not in (*QUANTITIES, *COLUMNS):
-        raise unknown(f"quantity of {where}", limit.quantity, (*QUANTITIES, *COLUMNS))
+    check_known(f"quantity of {where}", (*QUANTITIES, *COLUMNS), limit.quantity)
     changes = [by for by in (limit.worse_by, limit.worse_by_percent) if by is not None]
     if not changes and limit.at_least is None and limit.at_most is None:
         raise InputError(

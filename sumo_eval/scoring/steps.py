@@ -215,7 +215,7 @@ def score_scenario(space: ScenarioRun, rows: RowWriter) -> tuple[ZoneResult, Sco
     described = describe_zones(space.logical, zones, points)
     sentences = [*described.notes, *_on_points(space, points, places)]
     if space.entry.sampling.method == ADAPTIVE:
-        state = standing(space.entry.sampling, points, scores, tables, places, method, space.name)
+        state = standing(space.entry.sampling, points, scores, tables, places)
         sentences.append(state.sentence)
     return replace(described, notes=tuple(sentences)), list(zip(scores, intervals, strict=True))
 

@@ -93,7 +93,7 @@ class RunExposure(NamedTuple):
             content |= {
                 "events": len(self.recorded.points),
                 "bandwidth_factor": self.recorded.factor,
-                "held_out_log_likelihood": dict(self.recorded.held_out),
+                "held_out_log_likelihood": self.recorded.held_out,
                 "unsupported_share": self.unsupported_share,
                 "outside_support": np.flatnonzero(~self.recorded.supported(points)).tolist(),
             }

@@ -23,7 +23,7 @@ from sumo_eval.drivers.recorded.importers import (
 from sumo_eval.drivers.recorded.importers.tables import Samples, files_in
 from sumo_eval.drivers.recorded.recordings import MOTOR_CLASSES, Recordings, canonical, read_csv
 from sumo_eval.drivers.recorded.straighten import straighten
-from sumo_eval.errors import InputError, unknown
+from sumo_eval.errors import InputError, check_known
 
 READERS: dict[str, tuple[Callable[[Path], Samples], Sequence[str]]] = {
     "highd": (highd.read, ("*_tracks.csv",)),
@@ -71,8 +71,7 @@ def each_of(form: str, paths: Sequence[Path]) -> Iterator[Recordings]:
     Raises InputError at the call for an unknown format, no path or a folder of canonical tables.
     A missing path, a folder without such files or a mistake in a file raises it when reached.
     """
-    if form not in FORMATS:
-        raise unknown("format of recordings", form, FORMATS)
+    check_known("format of recordings", FORMATS, form)
     if not paths:
         raise InputError("At least one file or folder of recordings must be given, got none.")
     if form == OWN:

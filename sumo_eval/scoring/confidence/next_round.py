@@ -52,8 +52,6 @@ def standing(
     scores: Sequence[ScenarioResult],
     rows: Sequence[CaseTable],
     places: Sequence[IntArray],
-    method: MethodSettings,
-    scenario: str,
 ) -> Standing:
     """State of a scenario's rounds.
 
@@ -62,16 +60,15 @@ def standing(
     scores: results of the ADSs, with intervals.
     rows: cases of each ADS.
     places: of each ADS the indices of its cases' points.
-    method: `[method]`.
-    scenario: name, for messages.
     """
     budget = sampling.count or 0
-    size = size_of_round(budget, sampling.round, f"the sampling of scenario `{scenario}`")
+    owner = f"the sampling of scenario `{scores[0].scenario}`"
+    size = size_of_round(budget, sampling.round, owner)
     rounds, number = max(len(sampling.rounds), 1), len(points.points)
     further, until = size_of_next(budget, size, number), sampling.until
     if sampling.aim == "boundary":
         half = max(
-            _collided_half_width(_collides(case_terms(cases, method)), points, place)
+            _collided_half_width(_collides(cases), points, place)
             for cases, place in zip(rows, places, strict=True)
         )
         width = f"{half:.2g} of the space"
@@ -114,7 +111,7 @@ def further_round(
     scores = evaluation.scores_in(logical.name)
     rows = [evaluation.cases_of(score.ads, logical.name) for score in scores]
     places = [np.arange(len(points.points))] * len(scores)  # every ADS drove every point
-    state = standing(sampling, points, scores, rows, places, method, logical.name)
+    state = standing(sampling, points, scores, rows, places)
     if not state.further:
         return sampling
     capacity = capacity_of_cells(logical, state.size, evaluation.settings.seed)
@@ -122,11 +119,10 @@ def further_round(
     variance = np.zeros(cells)  # of each cell, summed over the ADSs
     # The number of a stratum is round * cells + cell, so `% cells` gives the cell.
     for cases in rows:
-        terms = case_terms(cases, method)
         moved = (
-            _collides(terms)
+            _collides(cases)
             if sampling.aim == "boundary"
-            else plus_influence(terms, points.stands_for, method)
+            else plus_influence(case_terms(cases, method), points.stands_for, method)
         )
         variance += variance_in_cells(moved, points.stratum % cells, cells)
     # points of each round, by cell
@@ -191,9 +187,9 @@ def plus_influence(terms: CaseTerms, stands_for: FloatArray, method: MethodSetti
     return moved
 
 
-def _collides(terms: CaseTerms) -> FloatArray:
+def _collides(cases: CaseTable) -> FloatArray:
     """1 for each case that collides, else 0, (n,)."""
-    return np.where(terms.evaluated & terms.collided, 1.0, 0.0)
+    return np.where(cases.evaluated & cases.collided, 1.0, 0.0)
 
 
 def _collided_half_width(hit: FloatArray, points: Sample, place: IntArray) -> float:

@@ -104,5 +104,4 @@ def _joined(score: ScenarioResult, intervals: ScoreIntervals, most_of_s: float) 
             float(max(worst - (value - low), min(least, worst))),
             float(min(best + (high - value), max(most, best))),
         )
-    sources = {name: dict(parts) for name, parts in intervals.sources.items()}
-    return replace(score, **ends, half_widths_by_source=sources)
+    return replace(score, **ends, half_widths_by_source=intervals.sources)
