@@ -106,6 +106,7 @@ class RecordedTraffic:
     across: lateral speed, m/s.
     lead, follower: rows of the vehicles ahead and behind at that instant; -1: none.
     gap, closing, ttc: to the lead; without one inf, 0 and inf.
+    changes: its lane changes.
     """
 
     def __init__(self, table: DataFrame) -> None:
@@ -133,6 +134,7 @@ class RecordedTraffic:
         self.gap = np.where(led, self.apart(slice(None), self.lead), np.inf)
         self.closing = np.where(led, self.speed - self.speed[self.lead], 0.0)
         self.ttc = np.where(self.closing > 0, self.gap / np.maximum(self.closing, 1e-9), np.inf)
+        self.changes = find_lane_changes(self)
 
     def apart(self, behind: Any, ahead: Any) -> Any:
         """Gap from bumper to bumper between the vehicles of rows, m."""
@@ -196,9 +198,8 @@ def extract_events(recordings: Recordings) -> Events:
     for recording, table in recordings.table.groupby("recording", sort=False):
         traffic = RecordedTraffic(table)
         vehicles += len(traffic.slices)
-        lane_changes = find_lane_changes(traffic)
-        changes += [{**change._asdict(), "recording": recording} for change in lane_changes]
-        for kind, more in encounters(traffic, lane_changes).items():
+        changes += [{**change._asdict(), "recording": recording} for change in traffic.changes]
+        for kind, more in encounters(traffic).items():
             events[kind] += [{"recording": recording, **event} for event in more]
     real = {kind: [event for event in events[kind] if not event["ghost"]] for kind in KINDS}
     egos = {(event["recording"], event["ego"]) for group in real.values() for event in group}
@@ -272,17 +273,12 @@ def find_lane_changes(traffic: RecordedTraffic) -> list[RecordedLaneChange]:
     return changes
 
 
-def encounters(
-    traffic: RecordedTraffic, changes: Sequence[RecordedLaneChange]
-) -> dict[str, Iterable[Event]]:
-    """The events of one recording by kind, ghosts among them (`ghost`).
-
-    changes: its lane changes.
-    """
+def encounters(traffic: RecordedTraffic) -> dict[str, Iterable[Event]]:
+    """The events of one recording by kind, ghosts among them (`ghost`)."""
     return {
-        "approach": _approaches(traffic, changes),
-        "cut_out": _cut_outs(traffic, changes),
-        "cut_in": _cut_ins(traffic, changes),
+        "approach": _approaches(traffic),
+        "cut_out": _cut_outs(traffic),
+        "cut_in": _cut_ins(traffic),
         "lead_braking": _braking_leads(traffic),
     }
 
@@ -346,14 +342,14 @@ def _outcome(traffic: RecordedTraffic, row: int, end: int) -> tuple[str, int]:
     return "censored", end - 1
 
 
-def _approaches(traffic: RecordedTraffic, changes: Sequence[RecordedLaneChange]) -> list[Event]:
+def _approaches(traffic: RecordedTraffic) -> list[Event]:
     gap, speed = traffic.gap, traffic.speed
     begun = (
         (traffic.closing >= CLOSING_SPEED)
         & (gap <= np.maximum(APPROACH_HEADWAY * speed, APPROACH_GAP))
         & (gap > LEAST_GAP)
     )
-    onsets = {change.row: change.onset for change in changes}
+    onsets = {change.row: change.onset for change in traffic.changes}
     return [
         _approach(traffic, part, part.start + int(np.argmax(begun[part])), onsets)
         for part in _stretches(traffic)
@@ -404,9 +400,9 @@ def _approach(
     return event
 
 
-def _cut_outs(traffic: RecordedTraffic, changes: Sequence[RecordedLaneChange]) -> Iterator[Event]:
+def _cut_outs(traffic: RecordedTraffic) -> Iterator[Event]:
     gap, speed, names = traffic.gap, traffic.speed, traffic.names
-    for change in changes:
+    for change in traffic.changes:
         behind = traffic.follower[change.row - 1]
         if behind < 0:
             continue
@@ -443,9 +439,9 @@ def _cut_outs(traffic: RecordedTraffic, changes: Sequence[RecordedLaneChange]) -
         }
 
 
-def _cut_ins(traffic: RecordedTraffic, changes: Sequence[RecordedLaneChange]) -> Iterator[Event]:
+def _cut_ins(traffic: RecordedTraffic) -> Iterator[Event]:
     gap, speed = traffic.gap, traffic.speed
-    for change in changes:
+    for change in traffic.changes:
         row = traffic.follower[change.row]
         if row < 0 or gap[row] > max(CUT_IN_HEADWAY * speed[row], CUT_IN_GAP):
             continue

@@ -30,7 +30,6 @@ from sumo_eval.drivers.recorded.events import (
     RecordedLaneChange,
     RecordedTraffic,
     encounters,
-    find_lane_changes,
 )
 from sumo_eval.drivers.recorded.recordings import MOTOR_CLASSES, STANDARD_LANE, Recordings
 from sumo_eval.errors import InputError
@@ -183,9 +182,8 @@ def _events_that_count(traffic: RecordedTraffic) -> Iterator[Any]:
     Each is a tuple: class, event, name of the actor, function that measures the event, and this
     function's arguments after traffic and event.
     """
-    changes = find_lane_changes(traffic)
-    change_of = {(change.vehicle, round(change.t, 3)): change for change in changes}
-    events = encounters(traffic, changes)
+    change_of = {(change.vehicle, round(change.t, 3)): change for change in traffic.changes}
+    events = encounters(traffic)
     for kind, measure in (("cut_in", cut_in), ("cut_out", cut_out)):
         for event in events[kind]:
             # under the name of its kind, an event has the vehicle that changes lane
@@ -198,7 +196,7 @@ def _events_that_count(traffic: RecordedTraffic) -> Iterator[Any]:
     for event in events["approach"]:
         if event["start_kind"] == "range_crossing":
             yield "approach", event, event["lead"], approach
-    for change in changes:
+    for change in traffic.changes:
         # to the left, and not from a ramp
         pair = _neighbours(traffic, change) if change.to > change.origin >= 0 else None
         if pair is not None:
