@@ -30,7 +30,7 @@ from sumo_eval.record.progress import Progress, Stopping, never, quiet
 from sumo_eval.record.store import open_store, vouch
 from sumo_eval.results import Evaluation
 from sumo_eval.scenario.resolved import Resolved
-from sumo_eval.scoring.kept_scores import RowWriter, keep_scores, kept_scores, table_of
+from sumo_eval.scoring.kept_scores import KeptScoring
 from sumo_eval.settings import EvaluationSettings
 from sumo_eval.settings.config import with_changes
 from sumo_eval.settings.locators import load_object
@@ -162,7 +162,8 @@ def score(
         run_folder.check_complete(store, folder)
         left_out, cache = store.left_out(), KeptResults(folder)
         key = scores_key(settings, store.content, resolved.source, severity.sha256, exposures)
-        results = kept_scores(cache, key)
+        kept = KeptScoring(cache, key)
+        results = kept.scores()
         if results is None:
             from sumo_eval.record.human_reference import point_processes
             from sumo_eval.scoring.steps import Scoring
@@ -170,7 +171,7 @@ def score(
             store.check_all()
             with point_processes(store, settings.run.workers) as spread:
                 scoring = Scoring(resolved, exposures, severity, store, cache, spread, progress)
-                results = keep_scores(cache, key, scoring.scores(RowWriter(cache, key)))
+                results = kept.keep(scoring.scores(kept))
         vouch(folder, cache)
     return Evaluation(
         settings.name,
@@ -179,7 +180,7 @@ def score(
         manifest,
         results.zones,
         results.scores,
-        table_of(cache, key, results.chunks),
+        kept.table(results.chunks),
         exposures,
         results.ranking,
         resolved.scenarios,

@@ -13,7 +13,7 @@ from sumo_eval.method.index_terms import IndexNote
 from sumo_eval.method.zone_partition import partition
 from sumo_eval.record.kept_results import KeptResults
 from sumo_eval.scenario import catalogue
-from sumo_eval.scoring.kept_scores import RowWriter
+from sumo_eval.scoring.kept_scores import KeptScoring
 
 FLAGS = ("evaluated", "avoidable", "unavoidable", "caused", "voids_index", "counts_for_index")
 
@@ -48,7 +48,7 @@ def test_flags_of_a_table_are_those_of_its_records(rows):
 
 
 def test_law_columns_and_records_are_the_same_whatever_the_chunks(rows, tmp_path):
-    writer = RowWriter(KeptResults(tmp_path), b"key")
+    writer = KeptScoring(KeptResults(tmp_path), b"key")
     for first in range(0, len(rows), 100):
         writer.add(rows[first : first + 100])
     kept, held = writer.rows(rows[0].ads, rows[0].scenario), CaseTable.of(rows)

@@ -61,41 +61,40 @@ _RECORDS: dict[str, type] = {
 }
 
 
-def table_of(cache: KeptResults, key: bytes, chunks: Sequence[KeptChunk]) -> CaseTable:
-    """The rows of a scoring. Each column is read from the run's folder at its first use.
+class KeptScoring:
+    """The scores and rows of one scoring in the cache.
 
+    cache: of the run's folder.
     key: of the scoring.
     """
-    return CaseTable(
-        (
-            Chunk(chunk.scenario, chunk.ads, chunk.rows, partial(_columns, cache, key, chunk.place))
-            for chunk in chunks
-        ),
-        key=key,
-    )
-
-
-def _columns(cache: KeptResults, key: bytes, place: int, places: slice) -> list[bytes]:
-    """Some columns of a chunk, encoded.
-
-    place: number of the chunk.
-    places: numbers of the columns.
-
-    Raises InputError if the cache does not have them any more.
-    """
-    first = place * COLUMNS  # the parts of a scoring: column after column of each chunk
-    data = cache.some("rows", key, first + (places.start or 0), first + places.stop)
-    if not data:
-        raise InputError(f"Rows of {cache.path} are missing: score the run again.")
-    return data
-
-
-class RowWriter:
-    """Writes the rows of a scoring to the cache, some at a time, and reads them again."""
 
     def __init__(self, cache: KeptResults, key: bytes) -> None:
         self._cache, self._key = cache, key
-        self._chunks: list[KeptChunk] = []
+        self._chunks: list[KeptChunk] = []  # of the rows that `add` has written
+
+    def table(self, chunks: Sequence[KeptChunk]) -> CaseTable:
+        """The rows in these chunks. Each column is read from the run's folder at its first use."""
+        return CaseTable(
+            (
+                Chunk(chunk.scenario, chunk.ads, chunk.rows, partial(self._columns, chunk.place))
+                for chunk in chunks
+            ),
+            key=self._key,
+        )
+
+    def _columns(self, place: int, places: slice) -> list[bytes]:
+        """Some columns of a chunk, encoded.
+
+        place: number of the chunk.
+        places: numbers of the columns.
+
+        Raises InputError if the cache does not have them any more.
+        """
+        first = place * COLUMNS  # the parts of a scoring: column after column of each chunk
+        data = self._cache.some("rows", self._key, first + (places.start or 0), first + places.stop)
+        if not data:
+            raise InputError(f"Rows of {self._cache.path} are missing: score the run again.")
+        return data
 
     def add(self, rows: Sequence[CaseResult]) -> None:
         """Write rows of one ADS in one scenario, after its earlier rows."""
@@ -109,7 +108,7 @@ class RowWriter:
 
     def rows(self, ads: str, scenario: str) -> CaseTable:
         """All rows of one ADS in one scenario so far."""
-        return table_of(self._cache, self._key, self._chunks).part(scenario, ads)
+        return self.table(self._chunks).part(scenario, ads)
 
     def chunks(self, order: Sequence[tuple[str, str]]) -> tuple[KeptChunk, ...]:
         """All chunks, sorted by an order of (ADS, scenario)."""
@@ -117,28 +116,26 @@ class RowWriter:
             chunk for pair in order for chunk in self._chunks if (chunk.ads, chunk.scenario) == pair
         )
 
+    def scores(self) -> Scores | None:
+        """The scores; None if the cache does not have them."""
+        data = self._cache.get("evaluation", self._key)
+        if data is None:
+            return None
+        _in_use.add(self._key)
+        scores: Scores = decoded(data, _RECORDS)
+        return scores
 
-def kept_scores(cache: KeptResults, key: bytes) -> Scores | None:
-    """The scores under a key; None if the cache does not have them."""
-    data = cache.get("evaluation", key)
-    if data is None:
-        return None
-    _in_use.add(key)
-    scores: Scores = decoded(data, _RECORDS)
-    return scores
+    def keep(self, scores: Scores) -> Scores:
+        """Write scores whose rows are in the cache already, and return them as `scores` will.
 
-
-def keep_scores(cache: KeptResults, key: bytes, scores: Scores) -> Scores:
-    """Write scores whose rows are in the cache already, and return them as `kept_scores` will.
-
-    If the rows of other settings take more than `_MOST_OF_OTHERS`, the oldest of them are deleted.
-    """
-    cache.put([("evaluation", key, 0, encoded(scores))])
-    _in_use.add(key)
-    # (key, size) of other settings, the newest first; `total`: the sum of sizes so far
-    others = [pair for pair in reversed(cache.sizes("rows")) if pair[0] not in _in_use]
-    pairs = zip(others, itertools.accumulate(size for _, size in others), strict=True)
-    cache.forget([other for (other, _), total in pairs if total > _MOST_OF_OTHERS])
-    stored = kept_scores(cache, key)
-    assert stored is not None, "it was put there just now"
-    return stored
+        If the rows of other settings take more than `_MOST_OF_OTHERS`, the oldest of them are
+        deleted.
+        """
+        self._cache.put([("evaluation", self._key, 0, encoded(scores))])
+        stored = self.scores()
+        assert stored is not None, "it was put there just now"
+        # (key, size) of other settings, the newest first; `total`: the sum of sizes so far
+        others = [pair for pair in reversed(self._cache.sizes("rows")) if pair[0] not in _in_use]
+        pairs = zip(others, itertools.accumulate(size for _, size in others), strict=True)
+        self._cache.forget([other for (other, _), total in pairs if total > _MOST_OF_OTHERS])
+        return stored

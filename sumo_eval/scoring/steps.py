@@ -37,7 +37,7 @@ from sumo_eval.scoring.confidence.ranking import rank
 from sumo_eval.scoring.confidence.resamples import Strata, of_one_number, strata
 from sumo_eval.scoring.confidence.scored import with_intervals
 from sumo_eval.scoring.drive_results import drive_results, recorded_with
-from sumo_eval.scoring.kept_scores import RowWriter, Scores
+from sumo_eval.scoring.kept_scores import KeptScoring, Scores
 from sumo_eval.scoring.likeness import (
     DriverComparison,
     Survey,
@@ -83,7 +83,7 @@ class Scoring(NamedTuple):
     spread: Spread
     progress: Progress
 
-    def scores(self, rows: RowWriter) -> Scores:
+    def scores(self, rows: KeptScoring) -> Scores:
         """The paper's six steps in every scenario, then the ranking of the ADSs.
 
         rows: takes in the rows of all cases.
@@ -170,7 +170,7 @@ Scored = list[tuple[ScenarioResult, ScoreIntervals | None]]
 cases for intervals."""
 
 
-def score_scenario(space: ScenarioRun, rows: RowWriter) -> tuple[ZoneResult, Scored]:
+def score_scenario(space: ScenarioRun, rows: KeptScoring) -> tuple[ZoneResult, Scored]:
     """The six steps in one scenario, steps 3 to 5 for `POINTS_AT_ONCE` points at a time.
 
     rows: takes in the rows of the cases.
@@ -257,7 +257,7 @@ def score_points(
     points: range,
     people: Quantiles,
     remarks: Mapping[str, Remarks],
-    rows: RowWriter,
+    rows: KeptScoring,
 ) -> DriverComparison:
     """Steps 3 to 5 at some points. Adds every ADS's cases there to `rows`, and remarks on them to
     `remarks`; returns the comparison with the drivers there.
