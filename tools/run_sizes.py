@@ -46,7 +46,7 @@ from sumo_eval.scoring.confidence.intervals import REPLICATES, AdsCases, score_i
 from sumo_eval.scoring.confidence.resamples import strata
 from sumo_eval.scoring.driver_bands import below_drivers
 from sumo_eval.scoring.findings import Findings
-from sumo_eval.scoring.kept_scores import KeptChunk, table_of
+from sumo_eval.scoring.kept_scores import KeptChunk, KeptScoring
 from sumo_eval.scoring.ledger import ledger
 from sumo_eval.scoring.nearest import nearest
 from sumo_eval.scoring.preventability import preventability
@@ -82,7 +82,7 @@ def made_up_chunks(cases: int) -> list[KeptChunk]:
 
 def made_up_rows(folder: Path, cases: int) -> CaseTable:
     """The rows of a made-up run, none of them read yet."""
-    return table_of(KeptResults(folder), folder.name.encode(), made_up_chunks(cases))
+    return KeptScoring(KeptResults(folder), folder.name.encode()).table(made_up_chunks(cases))
 
 
 def made_up_run(folder: Path, cases: int) -> Evaluation:
@@ -139,13 +139,13 @@ def prepared(folder: Path, cases: int) -> Evaluation:
 
 def intervals(run: Evaluation, replicates: int) -> object:
     """The intervals of made-up rows that lie on a line through the space."""
-    rows, method = run.cases_of("first", "cut_in"), run.settings.method
+    rows = run.cases_of("first", "cut_in")
     points = np.column_stack([np.linspace(0.0, 1.0, len(rows))] * len(BOX))
     drivers = driver_deviations(rows, {}, run.settings.drivers, 1)
     everywhere, safe = np.arange(len(rows)), np.zeros(len(rows), dtype=np.bool_)
-    ads_cases = AdsCases("first", case_terms(rows, method), everywhere, safe, drivers)
+    ads_cases = AdsCases("first", case_terms(rows, run.settings.method), everywhere, safe, drivers)
     groups = strata(points, "sobol")
-    return score_intervals([ads_cases], groups, method, 1, "cut_in", replicates=replicates)
+    return score_intervals([ads_cases], groups, 1, "cut_in", replicates=replicates)
 
 
 def written_page(run: Evaluation) -> Path:

@@ -55,6 +55,7 @@ class CaseTerms:
     """The n cases of one ADS in one logical scenario, arrays (n,). A number is nan if the case has
     no part in it.
 
+    method: `[method]`, by which the terms were made and scores are made of them.
     exposure: p_i.
     weight: r_i.
     severity: U_i of the worst incident, 0 without an incident, nan if the simulation failed. With
@@ -72,6 +73,7 @@ class CaseTerms:
     task: t_i of a safe case.
     """
 
+    method: MethodSettings
     exposure: FloatArray
     weight: FloatArray
     severity: FloatArray
@@ -89,7 +91,9 @@ class CaseTerms:
 
     def part(self, rows: IntArray | BoolArray | slice) -> CaseTerms:
         """Terms of some of the cases."""
-        return CaseTerms(*(getattr(self, item.name)[rows] for item in fields(self)))
+        # [1:]: all fields but `method`
+        arrays = (getattr(self, item.name) for item in fields(self)[1:])
+        return CaseTerms(self.method, *(values[rows] for values in arrays))
 
 
 def case_terms(cases: CaseTable | Sequence[CaseResult], method: MethodSettings) -> CaseTerms:
@@ -99,6 +103,7 @@ def case_terms(cases: CaseTable | Sequence[CaseResult], method: MethodSettings) 
     """
     table = CaseTable.of(cases)
     return CaseTerms(
+        method,
         exposure=table.exposure,
         weight=table.weight,
         severity=_compared(table.incident_severity, method),
@@ -135,7 +140,6 @@ def _compared(severity: FloatArray, method: MethodSettings) -> FloatArray:
 def scores_of(
     terms: CaseTerms,
     counts: score_terms.Counts,
-    method: MethodSettings,
     hits: score_terms.Counts | None = None,
     *,
     rows: IntArray | slice = slice(None),
@@ -149,6 +153,7 @@ def scores_of(
         balance). None: `counts` serves for C, and D exists in every sample if no case voids it.
     rows: the n cases to read. Which sums are asked for does not depend on them.
     """
+    method = terms.method
     exposed = terms.exposure.any()  # whether any of all cases has an exposure
     terms = terms.part(rows)
 
@@ -184,9 +189,9 @@ def scores_of(
     }
 
 
-def point_values(terms: CaseTerms, method: MethodSettings) -> dict[str, float | None]:
+def point_values(terms: CaseTerms) -> dict[str, float | None]:
     """Every score of `COMPUTED` of the cases themselves, by name; None if it does not exist."""
-    values = scores_of(terms, score_terms.once(len(terms.exposure)), method)
+    values = scores_of(terms, score_terms.once(len(terms.exposure)))
     return {name: None if np.isnan(value[0]) else float(value[0]) for name, value in values.items()}
 
 
@@ -194,7 +199,6 @@ def missing_bounds(
     cases: CaseTable,
     terms: CaseTerms,
     values: Mapping[str, float | None],
-    method: MethodSettings,
     *,
     people: bool,
 ) -> dict[str, tuple[float, float]]:
@@ -203,7 +207,6 @@ def missing_bounds(
 
     cases, terms: of an ADS.
     values: the scores of the cases as they are.
-    method: `[method]`.
     people: whether there are drivers to compare with.
 
     What may be missing, and what replaces it:
@@ -225,10 +228,10 @@ def missing_bounds(
       D.
     """
     missing = _missing(cases, terms, people=people)
-    worst, best = _worst_and_best(cases, terms, missing, method)
+    worst, best = _worst_and_best(cases, terms, missing)
     extremes = [
-        point_values(filled, method)
-        for filled in (worst, _without_what_lifts(worst, missing.no_reference, method), best)
+        point_values(filled)
+        for filled in (worst, _without_what_lifts(worst, missing.no_reference), best)
     ]
     ordering = (
         "task_share", "avoided_share", "avoided_share_exposure", "avoidance_grade", "regret",
@@ -251,7 +254,7 @@ def missing_bounds(
         # a missing safe case may be a collision, after which there is no D: its term counts 0
         if (cases.safe & ~terms.evaluated).any():
             d[0] = np.nan
-        low, high = np.nan_to_num(score_terms.paper_score(c, d, method.score))
+        low, high = np.nan_to_num(score_terms.paper_score(c, d, terms.method.score))
         bounds["s"] = float(low), float(high)
     return bounds
 
@@ -295,7 +298,7 @@ def _missing(cases: CaseTable, terms: CaseTerms, *, people: bool) -> _Missing:
 
 
 def _worst_and_best(
-    cases: CaseTable, terms: CaseTerms, missing: _Missing, method: MethodSettings
+    cases: CaseTable, terms: CaseTerms, missing: _Missing
 ) -> tuple[CaseTerms, CaseTerms]:
     """The terms with missing values at their worst, and at their best (see `missing_bounds`)."""
     # worst: the ideal vehicle avoids, the ADS does nothing
@@ -307,7 +310,7 @@ def _worst_and_best(
     # ratio of each case if the ideal vehicle avoids its collision: 0, or that of the classes. A
     # collision that may have happened is the severest.
     hits = np.where(missing.may_have_hit, _SEVEREST, cases.severity)
-    ratio = ratios(hits, np.zeros(len(cases)), method)
+    ratio = ratios(hits, np.zeros(len(cases)), terms.method)
     worst = replace(
         _with_shares(terms, missing, missing.no_likeness, 0.0),
         severity=severity,
@@ -320,7 +323,7 @@ def _worst_and_best(
     # best: the ADS drives as the ideal vehicle
     severity = np.where(missing.no_outcome, ideal, terms.severity)
     # whether a collision may have the ratio 1; a loss, which has no unit, may be 0
-    may_equal = (terms.ideal != 0.0) | (not method.collision.unit)
+    may_equal = (terms.ideal != 0.0) | (not terms.method.collision.unit)
     return worst, replace(
         _with_shares(terms, missing, missing.no_likeness & ~terms.incident, 1.0),
         severity=severity,
@@ -351,9 +354,7 @@ def _filled(values: FloatArray, instead: float | FloatArray) -> FloatArray:
     return np.where(np.isnan(values), instead, values)
 
 
-def _without_what_lifts(
-    terms: CaseTerms, no_reference: BoolArray, method: MethodSettings
-) -> CaseTerms:
+def _without_what_lifts(terms: CaseTerms, no_reference: BoolArray) -> CaseTerms:
     """The terms at their worst, without the points that lift A though a reference is missing there.
 
     A point lifts A if it lost a smaller share of what was at stake there than all points did. When
@@ -364,7 +365,7 @@ def _without_what_lifts(
     stake = score_terms.excess(terms.unreacting, terms.ideal)
     remaining = terms
     for _ in range(len(no_reference)):
-        avoided = point_values(remaining, method)["avoided_share"]
+        avoided = point_values(remaining)["avoided_share"]
         if avoided is None:
             return terms
         lifts = no_reference & (lost < (1.0 - avoided) * stake)

@@ -30,7 +30,7 @@ from sumo_eval.record.store import FACTS, open_store
 from sumo_eval.results import Evaluation
 from sumo_eval.scoring.case_terms import CaseTerms, case_terms, point_values
 from sumo_eval.scoring.comparability import Difference, differences, refuse_unless_comparable
-from sumo_eval.scoring.confidence.paired_differences import COMPARED, Run, paired_differences
+from sumo_eval.scoring.confidence.paired_differences import COMPARED, paired_differences
 from sumo_eval.scoring.gate_settings import (
     HARSHER_BY,
     OF_U,
@@ -380,25 +380,20 @@ def _compare_ads(
     case = paired.new[0]
     tables = paired.base, paired.new
     methods = base.settings.method, new.settings.method
-    base_collision, new_collision = (method.collision for method in methods)
-    one_unit = base_collision.regret_unit == new_collision.regret_unit
-    runs = [
-        (case_terms(cases, method), method) for cases, method in zip(tables, methods, strict=True)
-    ]
+    runs = case_terms(paired.base, methods[0]), case_terms(paired.new, methods[1])
     base_counts, new_counts = (
         counts(cases) | {"requirements_missed": int(np.sum(cases.requirements_missed != ""))}
         for cases in tables
     )
-    units = base_collision.unit, new_collision.unit
     return AdsComparison(
         case.ads,
         paired.base[0].ads,
         case.scenario,
         identical_pairs(paired, base.folder, new.folder),
-        _changes(paired, [terms for terms, _ in runs], settings, units, one_unit=one_unit),
-        _quantity_changes(runs, settings, one_unit=one_unit),
+        _changes(paired, runs, settings),
+        _quantity_changes(runs, settings),
         {name: (base_counts[name], new_counts[name]) for name in base_counts},
-        units,
+        (methods[0].collision.unit, methods[1].collision.unit),
     )
 
 
@@ -434,6 +429,9 @@ def _cases_at(points: IntArray) -> tuple[IntArray, IntArray, IntArray]:
     return distinct, first, len(points) - 1 - np.unique(points[::-1], return_index=True)[1]
 
 
+Terms = tuple[CaseTerms, CaseTerms]
+"""Terms of the paired cases, in the base and in the new run."""
+
 _NOT_DRIVEN = frozenset((
     "case", "scenario", "ads", "values", "exposure", "weight", *TIMED,
     "index_note", "reference_note", "batched"
@@ -467,32 +465,23 @@ def identical_pairs(paired: Paired, base: Path, new: Path) -> int:
     return alike
 
 
-def _changes(
-    paired: Paired,
-    terms: Sequence[CaseTerms],
-    settings: GateSettings,
-    units: tuple[str, str],
-    *,
-    one_unit: bool,
-) -> Changes:
+def _changes(paired: Paired, terms: Terms, settings: GateSettings) -> Changes:
     """The changed cases.
 
-    terms: of the base and of the new run.
     settings: `harsher_by`, `less_human_by`.
-    units: of U in the base and in the new run.
-    one_unit: whether the regret has one unit in both runs.
     """
     old, now = paired.base, paired.new
+    unit, new_unit = (run.method.collision.unit for run in terms)  # of U
     # New minus base. Adding nan makes a difference in two units nan, so that it does not count.
-    harder = now.severity - old.severity + (0.0 if units[0] == units[1] else np.nan)
+    harder = now.severity - old.severity + (0.0 if unit == new_unit else np.nan)
     likeness, index = now.human_likeness - old.human_likeness, now.index - old.index
     regrets = [excess(run.severity, run.ideal) for run in terms]
     rises = {
-        "regret": regrets[1] - regrets[0] + (0.0 if one_unit else np.nan),
+        "regret": regrets[1] - regrets[0] + (0.0 if _one_regret(terms) else np.nan),
         "H_i": likeness,
         "D_i": index,
     }
-    least_of_u = change_of_u(settings.harsher_by, HARSHER_BY, units[1])
+    least_of_u = change_of_u(settings.harsher_by, HARSHER_BY, new_unit)
     kind, by = _kinds(paired, harder, least_of_u, (likeness, index), settings.less_human_by)
     which = np.flatnonzero(kind >= 0)
     # by kind of change, then the largest first, then by name (lexsort: the last key counts first)
@@ -544,26 +533,28 @@ def _kinds(
     return kind, by
 
 
-def _quantity_changes(
-    runs: Sequence[Run], settings: GateSettings, *, one_unit: bool
-) -> dict[str, QuantityChange]:
+def _one_regret(terms: Terms) -> bool:
+    """Whether the regret has one unit in both runs."""
+    old, now = (run.method.collision.regret_unit for run in terms)
+    return old == now
+
+
+def _quantity_changes(terms: Terms, settings: GateSettings) -> dict[str, QuantityChange]:
     """Name -> a score in both runs, with the interval of its difference.
 
-    runs: terms of the paired cases and settings of the scores, of the base and of the new run.
     settings: `confidence`, `resamples`, `seed`.
-    one_unit: whether the regret has one unit in both runs.
     """
     # imported here: it loads scipy and libsumo, which reading earlier results does not need
     from sumo_eval.scoring.confidence.intervals import percentiles
 
-    old, now = (point_values(*run) for run in runs)
-    resampled = paired_differences(runs[0], runs[1], settings.resamples, settings.seed)
-    freedom = (len(runs[0][0].collided) - 1) or 1  # degrees of freedom, at least 1
+    old, now = map(point_values, terms)
+    resampled = paired_differences(*terms, settings.resamples, settings.seed)
+    freedom = (len(terms[0].collided) - 1) or 1  # degrees of freedom, at least 1
     changes = {}
     for name, score in COMPARED.items():
         before, after = old[score], now[score]
         changes[name] = QuantityChange(before, after, None)
-        if (one_unit or name != "regret") and before is not None and after is not None:
+        if (name != "regret" or _one_regret(terms)) and before is not None and after is not None:
             replicates = resampled[name]
             ends = percentiles(replicates, replicates, freedom, settings.confidence) or ()
             changes[name] = QuantityChange(before, after, after - before, *ends)

@@ -326,11 +326,11 @@ def combine(
     """
     cases = CaseTable.of(rows)
     terms = case_terms(cases, method)
-    values = point_values(terms, method)
+    values = point_values(terms)
     safe_cases, voiding = _number(cases.safe), _number(cases.voids_index)
     is_missing = missing_cases(cases, has_index=people and not voiding)
     missing = Counter[Zone](cases.zone[is_missing].tolist())
-    bounds = missing_bounds(cases, terms, values, method, people=people) if missing else {}
+    bounds = missing_bounds(cases, terms, values, people=people) if missing else {}
     notes = list(notes)
     if missing:
         notes += [CasesMissing(tuple(sorted(missing.items()))), *_references_missing(cases)]

@@ -22,7 +22,7 @@ METHOD = MethodSettings()
 
 
 def differences(before, after, replicates, seed):
-    return paired_differences((before, METHOD), (after, METHOD), replicates, seed)
+    return paired_differences(before, after, replicates, seed)
 
 
 def cut_out(evaluation):
@@ -112,8 +112,8 @@ def test_ends_of_differences_are_those_of_students_t(evaluation):
     cases = case_terms(cut_out(evaluation)[:9], METHOD)
     other = replace(cases, index=np.linspace(0.0, 1.0, 9) ** 2)
     settings = GateSettings(confidence=0.9)
-    runs = [(cases, METHOD), (other, METHOD)]
-    change = _quantity_changes(runs, settings, one_unit=True)["D"]
+    runs = cases, other
+    change = _quantity_changes(runs, settings)["D"]
     drawn = paired_differences(*runs, settings.resamples, settings.seed)["D"]
     tails = norm.cdf(t.ppf([0.05, 0.95], len(cases.collided) - 1))
     np.testing.assert_allclose((change.low, change.high), np.quantile(drawn, tails))

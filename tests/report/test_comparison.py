@@ -13,7 +13,7 @@ from sumo_eval.record.kept_results import KeptResults
 from sumo_eval.report.comparison_lines import comparison_notes, moved_words
 from sumo_eval.scoring.comparison import compare
 from sumo_eval.scoring.gate_settings import GateSettings
-from sumo_eval.scoring.kept_scores import RowWriter, table_of
+from sumo_eval.scoring.kept_scores import KeptScoring
 from sumo_eval.settings import AdsSettings
 
 GATE = GateSettings(resamples=200)
@@ -109,13 +109,13 @@ def test_kept_rows_compare_as_rows_in_memory_do(evaluation, tmp_path):
     changed = with_case(evaluation, pick(evaluation, collided=False), **HIT)
     kept, runs = KeptResults(tmp_path), []
     for key, run in ((b"base", evaluation), (b"new", changed)):
-        writer = RowWriter(kept, key)
+        writer = KeptScoring(kept, key)
         pairs = [(score.ads, score.scenario) for score in run.scores]
         for ads, scenario in pairs:
             cases = run.cases_of(ads, scenario)
             writer.add(list(cases[:3]))  # in chunks of their own
             writer.add(list(cases[3:]))
-        runs.append(replace(run, cases=table_of(kept, key, writer.chunks(pairs))))
+        runs.append(replace(run, cases=writer.table(writer.chunks(pairs))))
     found, known = compare(*runs, GATE), compare(evaluation, changed, GATE)
     kept.close()
     assert changes(known)

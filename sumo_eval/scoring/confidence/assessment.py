@@ -22,7 +22,6 @@ from sumo_eval.scoring.confidence.coverage import SpaceCoverage, space_coverage
 from sumo_eval.scoring.confidence.further_cases import FurtherCases, further_cases
 from sumo_eval.scoring.confidence.intervals import LEVEL, REPLICATES, SCORED, Interval
 from sumo_eval.scoring.confidence.resamples import one_list, resamples
-from sumo_eval.settings import MethodSettings
 from sumo_eval.trajectory import FloatArray
 
 FURTHER = 20  # cases that are proposed
@@ -105,7 +104,7 @@ def _assess(score: ScenarioResult, evaluation: Evaluation, zones: ZonePartition)
     if risk is None:
         reason = "fewer than two evaluated cases with exposure"
         return Assessment(score.ads, score.scenario, {}, {}, None, None, reason)
-    moved = influence(case_terms(evaluated, settings.method), settings.method)
+    moved = influence(case_terms(evaluated, settings.method))
     points = evaluated.parameters(zones.logical.names)
     return Assessment(
         score.ads,
@@ -127,14 +126,13 @@ def intervals_of(score: ScenarioResult) -> dict[str, Interval]:
     }
 
 
-def influence(terms: CaseTerms, method: MethodSettings) -> FloatArray:
+def influence(terms: CaseTerms) -> FloatArray:
     """Points by which each case moves S, (n,), to first order: the points for C = 1 (D = 1), times
     the case's share of the mean, times its value less the mean.
 
     terms: of the n cases of an ADS.
-    method: `[method]`.
     """
-    moved, whole = np.zeros(len(terms.exposure)), worth(method.score)
+    moved, whole = np.zeros(len(terms.exposure)), worth(terms.method.score)
     hit = np.isfinite(terms.ratio) & np.isfinite(terms.weight)
     # if a case voids D, there is no D that another case could move
     counted = np.isfinite(terms.index) & ~terms.voids.any()

@@ -123,7 +123,6 @@ class ScoreIntervals(NamedTuple):
 def score_intervals(
     ads_cases: Sequence[AdsCases],
     groups: Strata,
-    method: MethodSettings,
     seed: int,
     scenario: str,
     *,
@@ -134,11 +133,10 @@ def score_intervals(
 
     ads_cases: of every ADS that gets intervals.
     groups: lists of all points of the scenario (`resamples.strata`).
-    method: `[method]`.
     seed, scenario: of the random streams.
     replicates: m.
     """
-    sums = [_Sums(ads, groups.points, replicates, method) for ads in ads_cases]
+    sums = [_Sums(ads, groups.points) for ads in ads_cases]
 
     def done(points: int, of: int) -> None:
         """Report a number of points as a number of replicates."""
@@ -155,18 +153,17 @@ class _Sums:
 
     ads: its cases.
     points: number of points of the scenario.
-    replicates: m.
 
     `add` adds the cases at some of the points. In the end `intervals` computes all scores from the
     sums. So no table of all cases and replicates is in memory.
     """
 
-    def __init__(self, ads: AdsCases, points: int, replicates: int, method: MethodSettings) -> None:
-        self._ads, self._method, self._replicates = ads, method, replicates
+    def __init__(self, ads: AdsCases, points: int) -> None:
+        self._ads = ads
         # index of the case at each of the points, -1: the ADS has no case there
         self._rows = np.full(points, -1)
         self._rows[ads.points] = np.arange(len(ads.points))
-        self._unseen = UnseenCollisions.of(ads, method)
+        self._unseen = UnseenCollisions.of(ads)
         # sums by balanced counts, and by drawn counts, (m, terms) each
         self._balanced: Any = 0.0
         self._drawn: Any = 0.0
@@ -180,20 +177,20 @@ class _Sums:
         # terms to sum by balanced counts (of the scores, then of unseen collisions), and by drawn
         # counts; their number and order do not depend on the cases
         asked, hits = AskedTerms(), AskedTerms()
-        scores_of(self._ads.terms, asked, self._method, hits, rows=rows)
+        scores_of(self._ads.terms, asked, hits, rows=rows)
         balanced = [*asked.terms, *(terms[rows] for terms in self._unseen.terms)]
         self._balanced += counts @ np.column_stack(balanced)
         self._drawn += drawn @ np.column_stack(hits.terms)
 
     def intervals(self, groups: Strata, seed: int, scenario: str) -> ScoreIntervals:
         """The intervals, once all points have been added."""
-        ads, method, m = self._ads, self._method, self._replicates
+        ads, terms, m = self._ads, self._ads.terms, len(self._balanced)
         sums = self._balanced.T
         # number of sums of the scores; those of unseen collisions follow
         of_scores = len(sums) - len(self._unseen.terms)
         known, drawn = KnownSums(sums[:of_scores]), KnownSums(self._drawn.T)
         # scores from known sums: `slice(0, 0)`, because no case is read
-        plain = scores_of(ads.terms, known, method, drawn, rows=slice(0, 0))
+        plain = scores_of(terms, known, drawn, rows=slice(0, 0))
 
         def stream(*names: str) -> np.random.Generator:
             """A random stream by its names."""
@@ -209,16 +206,16 @@ class _Sums:
             index, likeness = deviates @ ads.drivers.index, deviates @ ads.drivers.likeness
             d = np.clip(scores["d"] + index, 0.0, 1.0)
             human = np.clip(scores["human_likeness"] + likeness, 0.0, 1.0)
-            return _summed({**scores, "d": d, "human_likeness": human}, method)
+            return _summed({**scores, "d": d, "human_likeness": human}, terms.method)
 
         # replicates for the good end of each interval, then for the bad end
         better = with_drivers(plain)
         worse = dict(better)
         for name, lost in self._unseen.losses(sums[of_scores:], unseen).items():
             worse[name] = better[name] + lost if name in BAD_SIDE_UP else better[name] - lost
-        worse = _with_one_more(worse, better, ads.terms, weight, method)
+        worse = _with_one_more(worse, better, terms, weight)
 
-        values = point_values(ads.terms, method)
+        values = point_values(terms)
         freedom = _freedom(ads, groups)
         limits = self._limits(values, worse, better, freedom)
         # every replicate has the scores themselves, so that only the drivers vary
@@ -301,11 +298,7 @@ def _summed(scores: ScoreSamples, method: MethodSettings) -> ScoreSamples:
 
 
 def _with_one_more(
-    worse: ScoreSamples,
-    better: ScoreSamples,
-    terms: CaseTerms,
-    weight: FloatArray,
-    method: MethodSettings,
+    worse: ScoreSamples, better: ScoreSamples, terms: CaseTerms, weight: FloatArray
 ) -> ScoreSamples:
     """The scores `worse`, but T, A' and S+ from `better` with one more case, which is as bad as
     doing nothing.
@@ -327,8 +320,8 @@ def _with_one_more(
     moved = dict(worse)
     moved["task_share"] = better["task_share"] * (1.0 - of_task)
     harm = (1.0 - better["avoided_share"]) * (1.0 - of_harm) + of_harm
-    moved["avoidance_grade"] = avoidance_grade(1.0 - harm, method.task.sharpness)
-    return _summed(moved, method)
+    moved["avoidance_grade"] = avoidance_grade(1.0 - harm, terms.method.task.sharpness)
+    return _summed(moved, terms.method)
 
 
 class UnseenCollisions(NamedTuple):
@@ -349,7 +342,7 @@ class UnseenCollisions(NamedTuple):
     terms: tuple[FloatArray, ...]
 
     @classmethod
-    def of(cls, ads: AdsCases, method: MethodSettings) -> Self:
+    def of(cls, ads: AdsCases) -> Self:
         """Unseen collisions of an ADS, from all its cases."""
         terms = ads.terms
         comparable, stake = _stake(terms)
@@ -366,7 +359,8 @@ class UnseenCollisions(NamedTuple):
             weight * free, weight * stake, exposure * free, exposure * stake, weight * free, weight
         ]  # fmt: skip
         if not terms.collided.any():
-            lost_ratio = np.nan_to_num(1.0 - ratios(terms.unreacting, terms.ideal, method)) * among
+            ratio = ratios(terms.unreacting, terms.ideal, terms.method)
+            lost_ratio = np.nan_to_num(1.0 - ratio) * among
             losses += [weight * lost_ratio, weight * among]
         points = int(among.sum())
         return cls(points, tuple(losses) if points else ())

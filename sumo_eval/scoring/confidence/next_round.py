@@ -25,7 +25,7 @@ from sumo_eval.scenario.sampling.adaptive import (
 from sumo_eval.scenario.sampling.samples import Sample
 from sumo_eval.scoring.case_terms import CaseTerms, case_terms, point_values
 from sumo_eval.scoring.confidence.intervals import LEVEL
-from sumo_eval.settings import MethodSettings, SamplingSettings
+from sumo_eval.settings import SamplingSettings
 from sumo_eval.trajectory import FloatArray, IntArray
 
 ADAPTIVE = "adaptive"
@@ -122,7 +122,7 @@ def further_round(
         moved = (
             _collides(cases)
             if sampling.aim == "boundary"
-            else plus_influence(case_terms(cases, method), points.stands_for, method)
+            else plus_influence(case_terms(cases, method), points.stands_for)
         )
         variance += variance_in_cells(moved, points.stratum % cells, cells)
     # points of each round, by cell
@@ -150,19 +150,18 @@ def variance_in_cells(values: FloatArray, cell: IntArray, cells: int) -> FloatAr
     return (squares + common) / number
 
 
-def plus_influence(terms: CaseTerms, stands_for: FloatArray, method: MethodSettings) -> FloatArray:
+def plus_influence(terms: CaseTerms, stands_for: FloatArray) -> FloatArray:
     """Influence of each case on S+, (n,): to first order, n times the points by which the case
     would move S+ if it stood for one point of an even sample.
 
     terms: of the n cases of an ADS.
     stands_for: number of points that each case stands for, (n,).
-    method: `[method]`.
 
     S+ = T A' (a + b H). A case moves T by p (t - T) / sum(p), H likewise, and A by
     w ((1 - A) stake - lost) / sum(w stake). Each is multiplied by the slope of S+ along T, H or A.
     The sum of the influences, weighted by `stands_for`, is 0.
     """
-    values = point_values(terms, method)
+    values, method = point_values(terms), terms.method
     task, human = values["task_share"] or 0.0, values["human_likeness"] or 0.0
     avoided, grade = values["avoided_share"], max(values["avoidance_grade"] or 0.0, 0.0)
     manner = method.score.a + method.score.b * human

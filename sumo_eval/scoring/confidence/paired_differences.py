@@ -15,7 +15,6 @@ import numpy as np
 from sumo_eval.method.score_terms import AskedTerms, KnownSums
 from sumo_eval.scoring.case_terms import SCORES, CaseTerms, ScoreSamples, scores_of
 from sumo_eval.scoring.confidence.resamples import one_list, resamples
-from sumo_eval.settings import MethodSettings
 from sumo_eval.settings.random_streams import random_stream
 from sumo_eval.trajectory import FloatArray
 
@@ -25,18 +24,15 @@ COMPARED = {name: field for name, (field, _) in SCORES.items()} | {
 }
 """Quantity by which two runs are compared -> field of ScenarioResult."""
 
-Run = tuple[CaseTerms, MethodSettings]
-"""Terms of a run's cases, and the settings of its scores."""
 
-
-def paired_differences(base: Run, new: Run, replicates: int, seed: int) -> ScoreSamples:
+def paired_differences(base: CaseTerms, new: CaseTerms, replicates: int, seed: int) -> ScoreSamples:
     """Quantity of `COMPARED` -> new minus base, a value for each replicate in which both exist.
 
     base, new: terms of the cases at the same points, in the same order.
     replicates: number of replicates.
     """
     runs = base, new
-    tables = [_terms(*run, seed) for run in runs]
+    tables = [_summed_terms(run, seed) for run in runs]
     sums = [np.zeros((replicates, table.shape[1])) for table in tables]
     for part in resamples(one_list(len(tables[0])), replicates, seed, ("comparison",)):
         for total, table in zip(sums, tables, strict=True):
@@ -44,19 +40,19 @@ def paired_differences(base: Run, new: Run, replicates: int, seed: int) -> Score
 
     # scores from known sums: `slice(0, 0)`, because no case is read
     before, after = (
-        scores_of(terms, KnownSums(total.T), method, rows=slice(0, 0))
-        for total, (terms, method) in zip(sums, runs, strict=True)
+        scores_of(run, KnownSums(total.T), rows=slice(0, 0))
+        for total, run in zip(sums, runs, strict=True)
     )
     changes = {name: after[score] - before[score] for name, score in COMPARED.items()}
     return {name: change[np.isfinite(change)] for name, change in changes.items()}
 
 
-def _terms(terms: CaseTerms, method: MethodSettings, seed: int) -> FloatArray:
+def _summed_terms(terms: CaseTerms, seed: int) -> FloatArray:
     """The k terms that the scores of a run sum, of each case, (n, k); sums over blocks if there are
     more than `MOST_DRAWN` cases, (BLOCKS, k).
     """
     asked, n = AskedTerms(), len(terms.collided)
-    scores_of(terms, asked, method)
+    scores_of(terms, asked)
     if n <= MOST_DRAWN:
         return np.column_stack(asked.terms)
     order = random_stream(seed, "blocks of scenarios").permutation(n)

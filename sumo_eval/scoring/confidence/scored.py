@@ -67,13 +67,10 @@ def with_intervals(
             missing = low - score.s_plus, high - score.s_plus
         if np.count_nonzero(terms.counted) >= LEAST:
             ads_cases.append(AdsCases(score.ads, terms, at, ~cases.safe, errors, missing))
-    computed = (
-        score_intervals(
-            ads_cases, groups, settings.method, settings.seed, scores[0].scenario, progress=progress
-        )
-        if ads_cases
-        else []
-    )
+    computed = []
+    if ads_cases:
+        scenario = scores[0].scenario
+        computed = score_intervals(ads_cases, groups, settings.seed, scenario, progress=progress)
     by_ads = {each.ads: interval for each, interval in zip(ads_cases, computed, strict=True)}
     intervals = [by_ads.get(score.ads) for score in scores]
     most = sum(worth(settings.method.score))  # of S

@@ -10,6 +10,7 @@ from sumo_eval.scoring.confidence.drivers import NO_DEVIATIONS
 from sumo_eval.scoring.confidence.resamples import strata
 from sumo_eval.scoring.confidence.scored import with_intervals
 from sumo_eval.scoring.quantities import combine
+from sumo_eval.settings import MethodSettings
 
 
 def terms_of(n, **changes):
@@ -17,6 +18,7 @@ def terms_of(n, **changes):
     ones, zeros, spread = np.ones(n), np.zeros(n), np.linspace(0.2, 0.8, n)
     never, always = zeros > 0.0, ones > 0.0
     plain = {
+        "method": MethodSettings(),
         "exposure": ones,
         "weight": ones,
         "severity": zeros,

@@ -54,24 +54,25 @@ incident = [true, true, false, false]
 counted = [true, true, true, true]
 task = [nan, nan, 1.0, 1.0]
 """)
-    return CaseTerms(**{name: np.array(of) for name, of in (plain | changes).items()})
+    arrays = {name: np.array(of) for name, of in (plain | changes).items()}
+    return CaseTerms(MethodSettings(), **arrays)
 
 
 def test_influence_by_hand():
     # C = (0.2 + 3 * 0.8) / 4 = 0.65: 50 * 1 * (0.2 - 0.65) / 4 = -5.625, 50 * 3 * (0.8 - 0.65) / 4
     # = +5.625
     # D = (0.4 + 4 * 0.9) / 5 = 0.8: 50 * 1 * (0.4 - 0.8) / 5 = -4, 50 * 4 * (0.9 - 0.8) / 5 = +4
-    assert influence(four_cases(), MethodSettings()) == pytest.approx([-5.625, 5.625, -4.0, 4.0])
+    assert influence(four_cases()) == pytest.approx([-5.625, 5.625, -4.0, 4.0])
 
 
 def test_a_collision_in_the_safe_zone_leaves_no_d_to_move():
-    moved = influence(four_cases(voids=np.array([True, False, False, False])), MethodSettings())
+    moved = influence(four_cases(voids=np.array([True, False, False, False])))
     assert moved == pytest.approx([-5.625, 5.625, 0.0, 0.0])
 
 
 def test_collisions_of_no_weight_at_all_count_alike():
     # r = 0 everywhere: C = (0.2 + 0.8) / 2, each moves 50 * 0.3 / 2
-    moved = influence(four_cases(weight=np.array([0.0, 0.0, 1.0, 1.0])), MethodSettings())
+    moved = influence(four_cases(weight=np.array([0.0, 0.0, 1.0, 1.0])))
     assert moved[:2] == pytest.approx([-7.5, 7.5])
 
 

@@ -44,7 +44,7 @@ def judged(n=60, *, ads="one", hazardous=None, drivers=NO_DEVIATIONS, **changes)
 
 def intervals(one, groups=None, *, seed=3, replicates=2_000):
     (found,) = score_intervals(
-        [one], groups or one_list(len(one.points)), METHOD, seed, "s", replicates=replicates
+        [one], groups or one_list(len(one.points)), seed, "s", replicates=replicates
     )
     return found
 
@@ -336,8 +336,8 @@ def test_no_digit_depends_on_company_or_order():
     one = judged(drivers=drivers(0.05))
     other = judged(ads="other", **hits(hit, 0.0))
     alone = intervals(one)
-    first, _ = score_intervals([one, other], one_list(60), METHOD, 3, "s")
-    _, last = score_intervals([other, one], one_list(60), METHOD, 3, "s")
+    first, _ = score_intervals([one, other], one_list(60), 3, "s")
+    _, last = score_intervals([other, one], one_list(60), 3, "s")
     for found in (first, last):
         assert found.limits == alone.limits
         assert found.sources == alone.sources
@@ -372,18 +372,18 @@ def test_law_scores_added_up_part_by_part_are_those_of_whole_replicates(how, mon
         likeness=np.where(safe, random.random(170), np.nan),
     )  # fmt: skip
     one = one._replace(points=at)
-    (found,) = score_intervals([one], groups, METHOD, 3, "s", replicates=100)
+    (found,) = score_intervals([one], groups, 3, "s", replicates=100)
 
     counts, drawn = np.full((100, 200), np.nan), np.full((100, 200), np.nan)
     for part in resamples(groups, 100, 3, ("intervals", "s")):
         assert len(part.places) <= 30
         assert np.isnan(counts[:, part.places]).all(), "every point once"
         counts[:, part.places], drawn[:, part.places] = part.counts, part.drawn
-    whole = scores_of(one.terms, counts[:, at], METHOD, drawn[:, at])
+    whole = scores_of(one.terms, counts[:, at], drawn[:, at])
     assert found.better == pytest.approx(whole["s_plus"], rel=1e-12)
     one_more = random_stream(3, "intervals", "one more", "s").exponential(ONE_MORE, 100)
     assert found.worse == pytest.approx(
-        _with_one_more(whole, whole, one.terms, one_more, METHOD)["s_plus"], rel=1e-12
+        _with_one_more(whole, whole, one.terms, one_more)["s_plus"], rel=1e-12
     )
 
 
