@@ -11,8 +11,9 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from sumo_eval.errors import InputError, check_known, needs_extra, said
+from sumo_eval.errors import InputError, check_known, needs_extra
 from sumo_eval.extras.panels import COLOURS, INK, MUTED, Panel, add_title_and_legend, draw
+from sumo_eval.input_file import writing
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -150,12 +151,8 @@ def save(figure: Figure, path: Path) -> Path:
     Raises InputError for another ending, or where the file cannot be written.
     """
     ending = ending_of(path)
-    try:
-        with styled():
-            path.parent.mkdir(parents=True, exist_ok=True)
-            figure.savefig(path, format=ending, metadata=ENDINGS[ending])
-    except OSError as error:
-        raise InputError(f"The figure {path} cannot be written: {said(error)}.") from error
+    with writing(f"The figure {path}", path.parent), styled():
+        figure.savefig(path, format=ending, metadata=ENDINGS[ending])
     return path
 
 
