@@ -16,7 +16,7 @@ import pandas as pd
 from lxml import etree
 from scipy.spatial import cKDTree
 
-from sumo_eval.drivers.recorded.importers.tables import LARGEST, Samples, reading_xml, require
+from sumo_eval.drivers.recorded.importers.tables import LARGEST, Samples, reading, require
 from sumo_eval.drivers.recorded.straighten import distances
 from sumo_eval.errors import InputError
 from sumo_eval.groups import grouped
@@ -45,7 +45,7 @@ def read(path: Path) -> Samples:
             "it as XML with commonroad-io, CommonRoadFileWriter(..., file_format=FileFormat.XML)."
         )
     parser = etree.XMLParser(resolve_entities=False, no_network=True, huge_tree=True)
-    with reading_xml(path):
+    with reading(path):
         root: Any = etree.parse(str(input_file(path, "file")), parser).getroot()
     if root.tag != "commonRoad":
         raise InputError(f"{path} must be a CommonRoad file (<commonRoad>), got <{root.tag}>.")

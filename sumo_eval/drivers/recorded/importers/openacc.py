@@ -21,9 +21,9 @@ from sumo_eval.drivers.recorded.importers.tables import (
     Samples,
     checked_numbers,
     read_table,
+    reading,
     require,
 )
-from sumo_eval.errors import InputError
 from sumo_eval.input_file import input_file
 
 LENGTH, WIDTH = 4.5, 1.8  # m; the files name the cars but not their sizes
@@ -88,11 +88,8 @@ def read(path: Path) -> Samples:
 
 def _head(path: Path) -> dict[str, list[str]]:
     """The cells of the rows above the table, by the first of each."""
-    try:
-        with input_file(path, "file").open(newline="", encoding="utf-8-sig") as file:
-            head = {row[0]: row[1:] for row in islice(csv.reader(file), _HEAD_ROWS) if row}
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
-        raise InputError(f"{path} cannot be read: {error}.") from error
+    with reading(path), input_file(path, "file").open(newline="", encoding="utf-8-sig") as file:
+        head = {row[0]: row[1:] for row in islice(csv.reader(file), _HEAD_ROWS) if row}
     require(
         {"Vehicle_order", "ACC"} <= head.keys(),
         path,

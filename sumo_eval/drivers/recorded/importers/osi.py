@@ -24,7 +24,12 @@ from typing import Any
 import numpy as np
 from pandas import DataFrame, Series, to_numeric
 
-from sumo_eval.drivers.recorded.importers.tables import Samples, checked_numbers, require_columns
+from sumo_eval.drivers.recorded.importers.tables import (
+    Samples,
+    checked_numbers,
+    reading,
+    require_columns,
+)
 from sumo_eval.errors import InputError, needs_extra
 from sumo_eval.input_file import input_file
 
@@ -102,10 +107,9 @@ def _why_left_out(kinds: DataFrame, bodies: DataFrame) -> Series[str]:
 
 def _objects(path: Path) -> Iterator[Row]:
     """Every moving object of every GroundTruth of a file."""
-    try:
-        for number, (kind, message) in enumerate(
-            _mcap(path) if path.suffix == ".mcap" else _trace(path)
-        ):
+    messages = _mcap(path) if path.suffix == ".mcap" else _trace(path)
+    with reading(path):
+        for number, (kind, message) in enumerate(messages):
             try:
                 if kind == _SENSOR_VIEW:
                     # field 7: global_ground_truth
@@ -113,8 +117,6 @@ def _objects(path: Path) -> Iterator[Row]:
                 yield from _ground_truth(message)
             except (IndexError, KeyError, struct.error, ValueError, TypeError) as error:
                 raise InputError(f"Message {number} of {path} is not a {kind} of OSI 3.") from error
-    except (OSError, EOFError, lzma.LZMAError) as error:
-        raise InputError(f"{path} cannot be read: {error}.") from error
 
 
 def _trace(path: Path) -> Iterator[tuple[str, bytes]]:

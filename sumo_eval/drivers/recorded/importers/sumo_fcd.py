@@ -20,7 +20,7 @@ from sumo_eval.drivers.recorded.importers.tables import (
     Samples,
     checked_numbers,
     read_table,
-    reading_xml,
+    reading,
 )
 from sumo_eval.errors import InputError
 from sumo_eval.input_file import input_file
@@ -96,7 +96,7 @@ def _from_csv(path: Path) -> DataFrame:
 def _from_xml(path: Path) -> DataFrame:
     rows = []
     opening = gzip.open if path.suffix == ".gz" else open
-    with reading_xml(path), ExitStack() as opened:
+    with reading(path), ExitStack() as opened:
         for _, step in etree.iterparse(
             opened.enter_context(opening(input_file(path, "file"), "rb")),
             tag="timestep",

@@ -9,6 +9,7 @@ from __future__ import annotations
 import csv
 import gzip
 import itertools
+import lzma
 import warnings
 import zlib
 from collections.abc import Iterable, Iterator, Sequence
@@ -40,6 +41,7 @@ SPEEDS_AGREE = 0.67, 1.5  # median of `speed` over that of steps; km/h are 3.6, 
 STEP = 1.0  # m; a longer step shows its course, a shorter one the noise of positions
 HEADING_SHARE = 0.99  # of these steps, whose course is near the heading
 HEADING_LIMIT = 0.5  # rad; a course at most this far from the heading is near it
+_UNREADABLE = OSError, EOFError, UnicodeDecodeError, csv.Error, zlib.error, lzma.LZMAError
 WHOLE = {"lane", "Lane_ID", "Vehicle_ID", "id", "trackId"}  # columns of whole numbers
 
 Samples = tuple[DataFrame, list[str]]
@@ -59,11 +61,11 @@ def files_in(path: Path, *patterns: str) -> list[Path]:
 
 
 @contextmanager
-def reading_xml(path: Path) -> Iterator[None]:
-    """Raise InputError for a file that cannot be read, or for the line where it is damaged."""
+def reading(path: Path) -> Iterator[None]:
+    """Raise InputError for a file that cannot be read, or for the line where its XML is damaged."""
     try:
         yield
-    except (OSError, EOFError, zlib.error) as error:
+    except _UNREADABLE as error:
         raise InputError(f"{path} cannot be read: {str(error).rstrip('.')}.") from error
     except etree.XMLSyntaxError as error:
         raise InputError(f"{path} is not well-formed XML: {str(error.msg).rstrip('.')}.") from error
@@ -76,7 +78,7 @@ def read_table(path: Path, required: Sequence[str], **options: Any) -> DataFrame
     Raises InputError for a file that is not such a table.
     """
     try:
-        with warnings.catch_warnings():
+        with reading(path), warnings.catch_warnings():
             # Pandas only warns of a row with more cells than the heading and cuts it; without
             # `index_col` it would shift the columns.
             warnings.simplefilter("error", pd.errors.ParserWarning)
@@ -85,8 +87,6 @@ def read_table(path: Path, required: Sequence[str], **options: Any) -> DataFrame
             )
     except InputError:
         raise
-    except (OSError, UnicodeDecodeError, EOFError) as error:
-        raise InputError(f"{path} cannot be read: {str(error).rstrip('.')}.") from error
     except pd.errors.ParserWarning:
         raise InputError(
             f"{path} is not such a table: a row has more cells than the heading. Commas separate "
