@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from sumo_eval.nightly.history import GATE_FAILED, REGRET_OF_LOSSES, GateLine, History, Night, Value
-from sumo_eval.report.page import REPORT, Json, template, write_page
+from sumo_eval.report.page import REPORT, Json, write_filled
 
 TREND = "trend.html"
 CHARTS = (
@@ -103,7 +103,8 @@ def write_trend(folder: Path, database: History) -> Path:
         for night in nights
         if not night.imported and (folder / night.folder / REPORT).is_file()
     }
-    page = template("trend.html.j2").render(
+    return write_filled(
+        folder / TREND, "trend.html.j2", "The trend page",
         failed=failed_nights(nights),
         nights=nights[::-1],
         dates={night.night: _date(night.night) for night in nights},
@@ -117,7 +118,6 @@ def write_trend(folder: Path, database: History) -> Path:
         half=round(0.42 * _step(nights), 2),
         width=WIDTH, height=HEIGHT, left=LEFT, right=WIDTH - RIGHT, top=TOP, bottom=HEIGHT - BOTTOM
     )  # fmt: skip
-    return write_page(folder / TREND, page, "The trend page")
 
 
 def failed_nights(nights: Sequence[Night]) -> list[Json]:

@@ -22,7 +22,7 @@ from sumo_eval.input_file import hash_of
 from sumo_eval.record.run_folder import EVALUATION, EXPOSURES, MANIFEST
 from sumo_eval.record.store import FACTS
 from sumo_eval.report.checks import FAILED, PASSED, checked_cases
-from sumo_eval.report.page import template, write_json, write_page
+from sumo_eval.report.page import write_filled, write_json
 from sumo_eval.report.people import people_sentence
 from sumo_eval.report.qualification import holds, qualification_sentence
 from sumo_eval.report.words import count, reference_sentence, sampling_words
@@ -101,9 +101,8 @@ def evidence_of(evaluation: Evaluation) -> Evidence:
 def write_evidence(evaluation: Evaluation, out: Path) -> tuple[Path, Path]:
     """Write `evidence.html` and `evidence.json` into a folder and return their paths."""
     evidence = evidence_of(evaluation)
-    page = template("evidence.html.j2").render(evidence=evidence)
+    html = write_filled(out / PAGE, "evidence.html.j2", "The file", evidence=evidence)
     content = {"format_version": FORMAT_VERSION, **asdict(evidence)}
-    html = write_page(out / PAGE, page, "The file")
     return html, write_json(out / PLAIN, content, "The file")
 
 

@@ -20,7 +20,7 @@ from sumo_eval.report.citation import citation
 from sumo_eval.report.density import density_maps
 from sumo_eval.report.gate_result import failed
 from sumo_eval.report.notes import GIVEN_UP, index_notes, score_note, why_missing
-from sumo_eval.report.page import REPORT, Json, packed_json, template, write_page
+from sumo_eval.report.page import REPORT, Json, packed_json, write_filled
 from sumo_eval.report.page_data import embedded_cases, gathered_words, map_words, page_data
 from sumo_eval.report.people import nobody_drove, nobody_recorded, people_sentence
 from sumo_eval.report.score_words import (
@@ -65,9 +65,8 @@ def write_report(
     partitions: the zones of every logical scenario of the evaluation, by its name.
     additions: content in addition to the evaluation.
     """
-    path = evaluation.folder / REPORT
-    page = template("report.html.j2").render(_context(evaluation, partitions, additions))
-    return write_page(path, page, "The report")
+    context = _context(evaluation, partitions, additions)
+    return write_filled(evaluation.folder / REPORT, "report.html.j2", "The report", **context)
 
 
 def term(name: str, shown: str = "") -> Markup:
@@ -180,11 +179,11 @@ def write_comparison(evaluation: Evaluation, additions: Additions, path: Path) -
             link = quote(Path(os.path.relpath(report, path.parent)).as_posix())
         except ValueError:  # no relative path between two disks
             link = report.resolve().as_uri()
-    page = template("compare.html.j2").render(
+    return write_filled(
+        path, "compare.html.j2", "The page",
         name=title, content={"change": change_content(evaluation, additions)}, case_page=link,
         change_title=change_title,
     )  # fmt: skip
-    return write_page(path, page, "The page")
 
 
 def _group(index: int, evaluation: Evaluation, zones: ZonePartition, shown: IntArray) -> Json:

@@ -59,6 +59,16 @@ def template(name: str) -> jinja2.Template:
     return _environment().get_template(name)
 
 
+def write_filled(path: Path, name: str, what: str, /, **values: Any) -> Path:
+    """Fill a template, write the page and return its path.
+
+    name: of the template.
+    what: as in `write_page`.
+    values: that the template shows.
+    """
+    return write_page(path, template(name).render(values), what)
+
+
 @functools.cache  # a template is compiled once a process
 def _environment() -> jinja2.Environment:
     import jinja2  # here, because an unchanged page is not written and needs no jinja2

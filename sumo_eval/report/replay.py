@@ -12,7 +12,7 @@ from sumo_eval.errors import InputError, unknown
 from sumo_eval.record.cases import Role
 from sumo_eval.record.store import EGO, Fact, Store, open_store
 from sumo_eval.report.explain import known_case
-from sumo_eval.report.page import Json, packed_json, template, write_page
+from sumo_eval.report.page import Json, packed_json, write_filled
 from sumo_eval.report.page_data import drawn_bodies, drawn_road
 from sumo_eval.report.sent_drives import CHANNEL_STEPS, contact_of, encode_trajectories
 from sumo_eval.report.words import cause_words
@@ -51,12 +51,12 @@ def write_replay(
         "ghosts": ghosts,
         "trajectories": encode_trajectories(trajectories)
     }  # fmt: skip
-    page = template("replay.html.j2").render(
-        title=f"{fact.driver} in {fact.scenario}", point=point_words(fact.values), case=fact.case,
+    return write_filled(
+        path, "replay.html.j2", "The replay", title=f"{fact.driver} in {fact.scenario}",
+        point=point_words(fact.values), case=fact.case,
         end=fact.end_reason or "", status=fact.status, drivers=len(ghosts), data=packed_json(data),
         cause=cause_words(cause_of_contact(fact)) if fact.collision else ""
     )  # fmt: skip
-    return write_page(path, page, "The replay")
 
 
 def _ghosts(fact: Fact, concrete: ConcreteScenario, store: Store) -> list[Trajectory]:

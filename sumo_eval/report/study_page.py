@@ -9,7 +9,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from sumo_eval.report.page import packed, template, write_page
+from sumo_eval.report.page import packed, write_filled
 from sumo_eval.report.words import count
 
 MOST_ROWS = 400  # that `write_study` shows where a file beside the page has all rows
@@ -149,8 +149,8 @@ def write_parts(
     ]
     for chart in charts:
         chart.figure.update_layout(title=None, width=None, template="none")
-    page = template("study.html.j2").render(
+    return write_filled(
+        path, "study.html.j2", "The page",
         kicker=kicker, title=title, sentences=sentences, parts=parts, charts=charts,
         figures=packed(f"[{','.join(chart.figure.to_json() for chart in charts)}]")
     )  # fmt: skip
-    return write_page(path, page, "The page")

@@ -12,7 +12,7 @@ from sumo_eval.errors import SumoEvalError
 from sumo_eval.extras.studies.qualification.table import Answer, Check
 from sumo_eval.groups import grouped
 from sumo_eval.record.run_folder import versions_and_machine
-from sumo_eval.report.page import Json, template, write_json, write_page
+from sumo_eval.report.page import Json, write_filled, write_json
 from sumo_eval.text import timestamp
 
 FORMAT_VERSION = 1
@@ -168,10 +168,10 @@ def lines(qualification: Qualification) -> Iterator[str]:
 def write_qualification(qualification: Qualification, folder: Path) -> tuple[Path, Path]:
     """Write `qualification.html` and `qualification.json` into a folder and return their paths."""
     page, plain = folder / "qualification.html", folder / "qualification.json"
-    text = template("qualification.html.j2").render(
+    write_filled(
+        page, "qualification.html.j2", "The qualification",
         qualification=qualification, kinds=qualification.kinds, purpose=PURPOSE, domain=DOMAIN,
         limits=LIMITS, shown=shown
     )  # fmt: skip
-    write_page(page, text, "The qualification")
     write_json(plain, qualification.plain(), "The qualification")
     return page, plain
