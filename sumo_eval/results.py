@@ -291,7 +291,7 @@ class Evaluation:
 
         False: it is 1 at every point, so a mean is over points, not over encounters on the road.
         """
-        names = [zone.scenario for zone in self.zones] if scenario is None else [scenario]
+        names = self.scenario_names if scenario is None else [scenario]
         return any(self.exposures.get(name, {}).get("known", False) for name in names)
 
     def cases_of(self, ads: str, scenario: str) -> CaseTable:
@@ -305,6 +305,11 @@ class Evaluation:
     def cases_in(self, scenario: str) -> CaseTable:
         """The cases of all ADSs in one scenario."""
         return self.cases.part(scenario)
+
+    @property
+    def scenario_names(self) -> list[str]:
+        """Names of its scenarios, in the order of the scores."""
+        return list(dict.fromkeys(score.scenario for score in self.scores))
 
     @property
     def ads_names(self) -> list[str]:
@@ -324,8 +329,7 @@ class Evaluation:
 
         Raises InputError where there is none.
         """
-        names = dict.fromkeys(score.scenario for score in self.scores)
-        check_known("scenario of this evaluation", names, scenario)
+        check_known("scenario of this evaluation", self.scenario_names, scenario)
         by_ads = {score.ads: score for score in self.scores_in(scenario)}
         check_known(f"ADS of scenario `{scenario}`", by_ads, ads)
         return by_ads[ads]

@@ -79,8 +79,8 @@ def checks_content(evaluation: Evaluation, _: Additions) -> Json | None:
     """For each scenario with requirements: their texts, how often each ADS misses them, and each
     row's verdict.
     """
-    scored = {score.scenario for score in evaluation.scores}
-    tables = [_table(evaluation, scenario) for scenario in evaluation.checks if scenario in scored]
+    scenarios = evaluation.scenario_names
+    tables = [_table(evaluation, name) for name in evaluation.checks if name in scenarios]
     return {"tables": tables} if tables else None
 
 

@@ -85,8 +85,7 @@ def safety_words(evaluation: Evaluation, behaviour: Behaviour) -> str:
     # an excess of losses has no unit, and so no contact at 50 km/h to compare it with
     if not (behaviour.excess > 0.0 and evaluation.settings.method.collision.regret_unit):
         return words
-    scenarios = {score.scenario for score in evaluation.scores}
-    grids = "this grid" if len(scenarios) == 1 else "these grids"
+    grids = "this grid" if len(evaluation.scenario_names) == 1 else "these grids"
     contacts = f"one 50 km/h contact every {1.0 / behaviour.contacts:z.0f} cases"
     if behaviour.contacts > SELDOM:
         contacts = f"{behaviour.contacts:z.1f} contacts at 50 km/h a case"

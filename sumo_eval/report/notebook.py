@@ -88,8 +88,7 @@ def picture(evaluation: Evaluation) -> Any:
         from sumo_eval.report.drawing import Drawing
     except ImportError as error:
         raise needs_extra("A plot", "plots") from error
-    scenarios = dict.fromkeys(score.scenario for score in evaluation.scores)
-    ads = evaluation.ads_names
+    scenarios, ads = evaluation.scenario_names, evaluation.ads_names
     figure = Drawing(figsize=(4.0 * len(scenarios), 1.0 + 0.4 * len(ads)), layout="constrained")
     panels = figure.subplots(1, len(scenarios), sharey=True, squeeze=False)[0]
     for panel, scenario in zip(panels, scenarios, strict=True):

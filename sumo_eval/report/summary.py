@@ -28,7 +28,7 @@ def summary_content(evaluation: Evaluation, additions: Additions) -> Json:
     """Content of templates/sections/summary.html.j2."""
     first_words, comparison = headline(evaluation), additions.comparison
     order = [ads for ads, _ in first_words.order]
-    scenarios = [zone.scenario for zone in evaluation.zones]
+    scenarios = evaluation.scenario_names
     ends = [ads.interval or (0.0, np.inf) for ads in order]  # no interval counts as wide
     digits = 0 if any(high - low > WIDE for low, high in ends) else 1
     failures = failed(additions.gates)

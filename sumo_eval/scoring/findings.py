@@ -289,7 +289,7 @@ def people_behind(evaluation: Evaluation) -> list[PeopleBehind]:
     # fewest recorded drivers of a reference that counts
     fewest = drivers.least if drivers.too_thin == "leave_out" else 1
     scenarios = []
-    for name in dict.fromkeys(score.scenario for score in evaluation.scores):
+    for name in evaluation.scenario_names:
         cases = evaluation.cases_in(name)
         safe = cases.safe
         if not safe.any():

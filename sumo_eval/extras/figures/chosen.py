@@ -75,15 +75,13 @@ class FigureRequest(NamedTuple):
         if self.case is not None:
             return self.row.scenario
         if self.scenario is not None:
-            check_known(
-                "scenario", [zone.scenario for zone in self.evaluation.zones], self.scenario
-            )
+            check_known("scenario", self.evaluation.scenario_names, self.scenario)
         return self.scenario
 
     @property
     def one_scenario(self) -> str:
         """Scenario of a figure that shows one: `chosen_scenario`, else the run's first."""
-        return self.chosen_scenario or self.evaluation.zones[0].scenario
+        return self.chosen_scenario or self.evaluation.scenario_names[0]
 
     @property
     def scores(self) -> list[ScenarioResult]:

@@ -42,7 +42,7 @@ def collisions(request: FigureRequest) -> Figure:
     One panel a scenario. On its diagonal the ADS collides as severely as the ideal vehicle.
     """
     chosen = request.chosen_scenario
-    scenarios = [chosen] if chosen else [zone.scenario for zone in request.evaluation.zones]
+    scenarios = [chosen] if chosen else request.evaluation.scenario_names
     panels = [_severity_panel(request, scenario) for scenario in scenarios]
     columns = min(len(panels), 2 if request.width == "column" else 3)
     return on_paper(panels, request.width, 0.85, columns)
