@@ -28,7 +28,7 @@ def critical_points(evaluation: Evaluation, numbers: Mapping[str, int]) -> set[t
     critical_ones = set()
     for score in evaluation.scores:
         name, logical = score.scenario, evaluation.scenarios[score.scenario]
-        cases = evaluation.cases_of(score.ads, name)
+        cases = evaluation.cases_behind(score)
         points = np.array([numbers[case] for case in cases.case.tolist()], np.intp)
         collided, likeness = cases.collided, cases.human_likeness
         critical = collided | cases.departed | (cases.status != "ok")

@@ -109,7 +109,7 @@ def further_round(
     assert points.stands_for is not None
     method = evaluation.settings.method
     scores = evaluation.scores_in(logical.name)
-    rows = [evaluation.cases_of(score.ads, logical.name) for score in scores]
+    rows = [evaluation.cases_behind(score) for score in scores]
     places = [np.arange(len(points.points))] * len(scores)  # every ADS drove every point
     state = standing(sampling, points, scores, rows, places)
     if not state.further:
