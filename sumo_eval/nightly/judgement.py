@@ -82,7 +82,7 @@ def judge_night(
         results = judge_pairs(comparison, gate, accept)
         if comparison is bases.pinned:  # with the accepted night
             results = [
-                result._replace(against=Path(comparison.base_folder).name)
+                result._replace(against=comparison.base_folder.name)
                 for result in (*judge_rule(comparison, gate, noise), *results)
             ]
         known = {result.name for result in failed(gates)}

@@ -36,7 +36,7 @@ def comparison_lines(
         verdict(comparison, gates, evaluation).sentence,
         *difference_lines(comparison),
         *change_lines(comparison),
-        *gate_lines(gates, Path(comparison.new_folder)),
+        *gate_lines(gates, comparison.new_folder),
     ]
 
 

@@ -169,7 +169,7 @@ def write_comparison(evaluation: Evaluation, additions: Additions, path: Path) -
     title = evaluation.name
     change_title = ""
     if additions.comparison:
-        base = Path(additions.comparison.base_folder).name
+        base = additions.comparison.base_folder.name
         title = f"{base} and {folder.name}: {evaluation.name}"
         change_title = f"Change from {base} to {folder.name}"
     report = folder / REPORT

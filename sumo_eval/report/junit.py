@@ -107,7 +107,7 @@ def comparison_suites(comparison: Comparison | None, gates: Sequence[GateResult]
             "skipped" if gate.passed is None else "passed" if gate.passed else "failure",
             "gate",
             gate.sentence,
-            "\n".join(worst_lines(gate, Path(comparison.new_folder) if comparison else None)),
+            "\n".join(worst_lines(gate, comparison.new_folder if comparison else None)),
         )
         for gate in gates
     ]

@@ -12,7 +12,6 @@ Users: `report/html.py`.
 
 from collections.abc import Callable, Mapping
 from itertools import islice
-from pathlib import Path
 from typing import Any, NamedTuple
 
 from sumo_eval.cases import CaseResult
@@ -87,7 +86,7 @@ def change_content(evaluation: Evaluation, additions: Additions) -> Json | None:
                 gate,
                 additions.since.get(gate.name, ""),
                 # the command that drives its worst case alone
-                ways_to(Path(comparison.new_folder), gate.worst[0].case)["alone"]
+                ways_to(comparison.new_folder, gate.worst[0].case)["alone"]
                 if comparison and gate.worst
                 else "",
             )

@@ -6,7 +6,6 @@ Users: `cli/compare.py`, `nightly/night.py`, `report/`.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from pathlib import Path
 from typing import TYPE_CHECKING, Literal, NamedTuple
 
 from sumo_eval.report.gate_result import GateResult, LimitName, failed
@@ -70,7 +69,7 @@ def _standing(comparison: Comparison | None, gates: Sequence[GateResult]) -> tup
         no_base = "there is no earlier good run to compare with"
         return "first", f"NOT GOOD: {limits}; {no_base}" if failures else f"FIRST: {no_base}"
 
-    base = Path(comparison.base_folder).name
+    base = comparison.base_folder.name
     # Where every limit failed only in comparison with the accepted night, of which there is one,
     # the sentence names that night instead of the base.
     against = {gate.against for gate in failures}

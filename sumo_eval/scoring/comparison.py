@@ -234,9 +234,9 @@ class Comparison(NamedTuple):
     unpaired: cases without a partner.
     """
 
-    base_folder: str
+    base_folder: Path
     base_created: str
-    new_folder: str
+    new_folder: Path
     confidence: float
     differences: tuple[Difference, ...]
     ads: tuple[AdsComparison, ...]
@@ -343,9 +343,9 @@ def side_by_side(
             examples = tuple(paired.lost[:MOST_EXAMPLES].case.tolist())
             unpaired.append(Unpaired(old or name, scenario, lost, added, len(cases), examples))
     return Comparison(
-        str(base.folder),
+        base.folder,
         str(base.manifest.get("created", "")),
-        str(new.folder),
+        new.folder,
         settings.confidence,
         differences(base, new),
         tuple(compared),
