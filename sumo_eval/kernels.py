@@ -318,7 +318,7 @@ def _write_back(arguments: Sequence[Any], object_arrays: Sequence[Any]) -> None:
         if isinstance(argument, tuple):
             _write_back(argument, objects)
         elif objects is not argument:
-            values = [_values(record, argument.dtype) for record in objects.flat]
+            values = list(map(_values, objects.flat))
             argument[...] = np.array(values, argument.dtype).reshape(argument.shape)
 
 
@@ -337,20 +337,19 @@ def _as_objects(argument: Any) -> Any:
 
 def _record(values: tuple[Any, ...], dtype: np.dtype[Any]) -> SimpleNamespace:
     """An object with an attribute for each field; a nested record becomes an object too."""
-    record = SimpleNamespace()
-    for name, value in zip(dtype.names or (), values, strict=True):
-        inner = dtype[name]
-        setattr(record, name, value if inner.names is None else _record(value, inner))
-    return record
+    fields_of = {
+        name: _record(value, dtype[name]) if isinstance(value, tuple) else value
+        for name, value in zip(dtype.names or (), values, strict=True)
+    }
+    return SimpleNamespace(**fields_of)
 
 
-def _values(record: SimpleNamespace, dtype: np.dtype[Any]) -> tuple[Any, ...]:
+def _values(record: SimpleNamespace) -> tuple[Any, ...]:
     """The values of an object that `_record` made, as numpy fills a record from them."""
-    values = []
-    for name in dtype.names or ():
-        inner, value = dtype[name], getattr(record, name)
-        values.append(value if inner.names is None else _values(value, inner))
-    return tuple(values)
+    return tuple(
+        _values(value) if isinstance(value, SimpleNamespace) else value
+        for value in vars(record).values()
+    )
 
 
 # -- before the first case -------------------------------------------------------------------------
