@@ -19,8 +19,8 @@ from operator import itemgetter
 from typing import NamedTuple
 
 from sumo_eval.cosim.simulation import probable_end
-from sumo_eval.record.cases import Case, Setup
-from sumo_eval.trajectory import Alone
+from sumo_eval.record.cases import Case, Outcome, Setup
+from sumo_eval.trajectory import Alone, AloneReason
 
 Batch = tuple[Case, ...]
 
@@ -38,6 +38,7 @@ class Kind(NamedTuple):
     block: str
 
 
+LATE: AloneReason = "late"
 # most cases in a batch of long drives: SUMO steps each vehicle slower among more vehicles
 OF_LONG_CASES = 192
 # fewest cases in a batch, if there are as many: starting a smaller batch takes longer than its
@@ -218,10 +219,10 @@ class Batches:
         self._alone.append(replace(case, block=None))
         self._remarks[case.key] = why, printed
 
-    def run_undisturbed(self, case: Case, why: Alone, printed: str) -> None:
-        """Run a case when all others have ended, so that nothing slows it down."""
-        self._undisturbed.append(case)
-        self._remarks[case.key] = why, printed
+    def run_undisturbed(self, late: Outcome) -> None:
+        """Run a case again when all others have ended, so that nothing slows it down."""
+        self._undisturbed.append(late.case)
+        self._remarks[late.case.key] = Alone(LATE, late.error or ""), late.log
 
     def remark(self, case: Case) -> tuple[Alone | None, str]:
         """Reason why a case ran alone, and addition to its log; each is given once."""

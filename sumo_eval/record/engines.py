@@ -14,7 +14,7 @@ from typing import Any
 
 from sumo_eval.errors import InputError
 from sumo_eval.record import loops, reads
-from sumo_eval.record.batches import Batch, Batches, driven, largest_batch
+from sumo_eval.record.batches import LATE, Batch, Batches, driven, largest_batch
 from sumo_eval.record.cases import ALONE, Case, Outcome, Setup, Status, on_its_own
 from sumo_eval.record.claims import NO_USER_CODE, affinity, affinity_of_ads, results_of
 from sumo_eval.record.identity import locator_identity
@@ -24,9 +24,8 @@ from sumo_eval.record.worker import answer
 from sumo_eval.settings import RunSettings
 from sumo_eval.settings.locators import load_object
 from sumo_eval.text import clean
-from sumo_eval.trajectory import Alone, AloneReason
+from sumo_eval.trajectory import Alone
 
-LATE: AloneReason = "late"
 # a case that timed out is rerun if no processor worked on it in more than this share of its time
 IDLE = 0.2
 # begins locators of its functions: `record/cluster.py` imports this file
@@ -180,7 +179,7 @@ def _settled(ended: Ended[Batch], batches: Batches, setup: Setup) -> list[Outcom
         if isinstance(result, Alone):
             batches.run_alone(case, result)
         elif case.block is None and is_late_by_chance(result, ended, setup):
-            batches.run_undisturbed(case, Alone(LATE, result.error or ""), result.log)
+            batches.run_undisturbed(result)
         elif not result.batched or batches.note_batched(case):
             # the batch's output goes to the log of the first outcome
             outcomes.append(result if outcomes else replace(result, log=result.log + printed))
@@ -202,7 +201,7 @@ def _settled_alone(ended: Ended[Batch], batches: Batches, setup: Setup) -> list[
     # a late case is rerun once only
     may_repeat = why is None or why.why != LATE
     if may_repeat and is_late_by_chance(outcome, ended, setup):
-        batches.run_undisturbed(case, Alone(LATE, outcome.error or ""), outcome.log)
+        batches.run_undisturbed(outcome)
         return []
     return [outcome]
 

@@ -17,9 +17,10 @@ from tables import rows_of, values_of
 
 from sumo_eval.cli.stopping import heard
 from sumo_eval.cosim import Command, simulate
+from sumo_eval.record.batches import LATE
 from sumo_eval.record.cases import Case
 from sumo_eval.record.claims import affinity_of_ads
-from sumo_eval.record.engines import LATE, is_late_by_chance, run_batches, run_cases
+from sumo_eval.record.engines import is_late_by_chance, run_batches, run_cases
 from sumo_eval.record.kept import KeptRecording, packed
 from sumo_eval.record.pool import Ended
 from sumo_eval.settings import RunSettings
