@@ -21,7 +21,7 @@ import zlib
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import closing, contextmanager, suppress
 from dataclasses import fields
-from itertools import chain, groupby
+from itertools import chain
 from math import isnan, nan
 from pathlib import Path
 from sys import intern
@@ -87,11 +87,12 @@ _HASH_SIZE = 16
 # files that this process has checked as a whole: path, size, time of last change in ns
 _checked: set[tuple[str, int, int]] = set()
 
-# Damaged cases: those in only one of `facts` and `circumstances`, which both have every case, and
-# those with a latency that is not a number.
+# Damaged cases: those in only one of `facts` and `circumstances`, which both have every case, those
+# with a trajectory and no fact, and those with a latency that is not a number.
 _DAMAGED = """
 SELECT * FROM (SELECT "case" FROM facts EXCEPT SELECT "case" FROM circumstances)
 UNION SELECT * FROM (SELECT "case" FROM circumstances EXCEPT SELECT "case" FROM facts)
+UNION SELECT * FROM (SELECT "case" FROM trajectories EXCEPT SELECT "case" FROM facts)
 UNION SELECT "case" FROM latencies WHERE typeof(latency_median) NOT IN ('real', 'null')
 OR typeof(latency_p99) NOT IN ('real', 'null')
 OR typeof(latency_reference) NOT IN ('real', 'null') ORDER BY 1
@@ -282,18 +283,9 @@ class Store:
                 raise InputError(f"{self.path} is damaged: {words.splitlines()[-1]}. {FIX}")
         for (case,) in self._read(_DAMAGED):
             raise self._lacking(case)
-        # rows of `trajectories` by case; the loop below takes a group when it is at its case
-        groups = groupby(self._read(_ALL_DRIVES), key=lambda row: row[0])
-        group = next(groups, None)
         circumstances = self._read('SELECT * FROM circumstances ORDER BY "case"')
         for fact, circumstance in zip(self._read(_ALL_FACTS), circumstances, strict=True):
-            drives = []
-            if group is not None and group[0] == fact[0]:
-                drives = [(vehicle, data) for _, vehicle, data in group[1]]
-                group = next(groups, None)
-            self._check_hash(fact, circumstance, drives)
-        if group is not None:
-            raise self._lacking(group[0])
+            self._check_hash(fact, circumstance, list(self._read(_DRIVES, fact[:1])))
         before = self.noted(_SEAL)
         now = self._sealed()
         if before not in ("", now):
