@@ -14,7 +14,7 @@ Users: `evaluation.py`, `scoring/confidence/drivers.py`, `scoring/drive_beside.p
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import ExitStack, contextmanager
+from contextlib import AbstractContextManager
 from functools import cache
 from pathlib import Path
 from statistics import fmean
@@ -30,7 +30,6 @@ from sumo_eval.method.anthropomorphic import (
     indexes_by_group,
 )
 from sumo_eval.method.index_terms import IndexNote
-from sumo_eval.method.shared_fields import prepare
 from sumo_eval.record.fingerprint import sources
 from sumo_eval.record.kept_results import KeptPart, KeptResults, Kind, key_of
 from sumo_eval.record.spread import Spread, spread_over
@@ -129,24 +128,12 @@ _RECORDS = {
 """Classes of the records that are kept, by name, for `decoded`."""
 
 
-@contextmanager
-def point_processes(store: Store, workers: int) -> Iterator[Spread]:
-    """Function that spreads the points of a run over processes, for `compute_points`, or computes
-    them here if they are few.
-
-    The processes start with the first piece of work, and end with this context. Where all results
-    are kept, none starts.
+def point_processes(store: Store, workers: int) -> AbstractContextManager[Spread]:
+    """Context with a function that spreads the points of a run over processes, for
+    `compute_points`, or computes them here if they are few.
     """
     drives = sum(number for _, role, _, _, number, _ in store.counts() if role == "human")
-    with ExitStack() as context:
-
-        @cache  # started once
-        def processes() -> Spread:
-            number = workers if drives >= _WORTH_PROCESSES else 1
-            # each process makes the compiled loops ready (`prepare`) before its first part
-            return context.enter_context(spread_over(number, prepare))
-
-        yield lambda work, parts: processes()(work, parts)
+    return spread_over(workers if drives >= _WORTH_PROCESSES else 1)
 
 
 def compute_points(
@@ -176,7 +163,7 @@ def compute_points(
     ]
     done = len(jobs) - len(missing)
     new = list[KeptPart]()
-    for part in spread(_compute_part, parts) if parts else ():
+    for part in spread(_compute_part, parts):
         results |= part
         # a result is one part, so its place is 0
         new += [(name[0], keys[name], 0, data) for name, data in part.items()]

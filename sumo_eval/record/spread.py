@@ -20,8 +20,8 @@ the results; `map` itself computes them in this process.
 
 @contextmanager
 def _children(workers: int) -> Iterator[ProcessPoolExecutor]:
-    """Child processes, which end with this process. The end of the block waits for their work; an
-    exception in the block kills them.
+    """Child processes, which start when there is work for them and end with this process. The end
+    of the block waits for their work; an exception in the block kills them.
     """
     context = child_context()
     lifeline, held = context.Pipe(duplex=False)
@@ -38,18 +38,15 @@ def _children(workers: int) -> Iterator[ProcessPoolExecutor]:
 
 
 @contextmanager
-def spread_over(workers: int, prepare: Callable[[], object]) -> Iterator[Spread]:
-    """Child processes for any number of rounds of work.
+def spread_over(workers: int) -> Iterator[Spread]:
+    """Child processes for any number of rounds of work; the first round starts them.
 
     workers: number of processes; 1: this process computes.
-    prepare: function that each child calls first, while the caller does something else.
     """
     if workers == 1:
         yield map
         return
     with _children(workers) as pool:
-        for _ in range(workers):
-            pool.submit(prepare)
 
         def results(work: Callable[[Any], Any], parts: Sequence[Any]) -> Iterator[Any]:
             """Raises InputError if a process of the pool was lost."""

@@ -158,7 +158,7 @@ def drive_results(
 
     parts = [points[first : first + _AT_ONCE] for first in range(0, len(points), _AT_ONCE)]
     new: dict[str, bytes] = {}
-    for part in space.spread(partial(_results, space.store.path.parent), parts) if parts else ():
+    for part in space.spread(partial(_results, space.store.path.parent), parts):
         new |= part
     space.cache.put(("drive", keys[case], 0, data) for case, data in new.items())
     records = {case: decoded(data, _RECORDS) for case, data in (results | new).items()}

@@ -46,5 +46,5 @@ def test_what_ends_early_ends_what_is_done_alongside(tmp_path):
 
 @pytest.mark.skipif(os.name != "posix", reason="signals of POSIX")
 def test_a_killed_process_of_scoring_is_one_sentence():
-    with refusal("A process that computes scores was killed"), spread_over(2, os.getpid) as spread:
+    with refusal("A process that computes scores was killed"), spread_over(2) as spread:
         list(spread(signal.raise_signal, [signal.SIGKILL]))
