@@ -3,7 +3,7 @@
 `cosim/step_rules.py` finds contacts by `scenario/touch.py`, as SUMO's own collision check sees
 lanes, not bodies.
 
-Users: `cosim/world.py`.
+Users: `cosim/recordings.py`.
 """
 
 from sumo_eval.scenario.road.pose import Pose

@@ -15,6 +15,7 @@ import numpy as np
 from sumo_eval.cosim.ego_control import EgoControl, fault_of
 from sumo_eval.cosim.impossible import LeftTheRoadError
 from sumo_eval.cosim.latency import STEPS_BETWEEN_TIMINGS
+from sumo_eval.cosim.recordings import end_case
 from sumo_eval.cosim.records import ADS_ERROR, REASONS
 from sumo_eval.cosim.stage import Stage
 from sumo_eval.cosim.step_rules import stop_rows
@@ -86,7 +87,7 @@ def drive(world: World, driver: EgoControl, stage: Stage) -> None:
         for row in world.live.tolist():
             _release(world, driver, row)
     for row in world.live.tolist():
-        world.end(row)
+        end_case(world, row)
 
 
 def _release(world: World, driver: EgoControl, row: int) -> None:
@@ -145,7 +146,7 @@ def _end_rows(world: World, driver: EgoControl, stage: Stage) -> None:
         _explain_refusal(world, row)
         _release(world, driver, row)
         stage.remove(world, row)
-        world.end(row)
+        end_case(world, row)
     if not world.going:
         return
     rows = world.live

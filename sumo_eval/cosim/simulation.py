@@ -53,6 +53,7 @@ from sumo_eval.cosim.ego_control import EgoControl, Replay, Replays, Rules, Term
 from sumo_eval.cosim.loop import break_off, drive
 from sumo_eval.cosim.on_traci import OnTraci
 from sumo_eval.cosim.policies import ASKS_SUMO, OneEach, OverArrays
+from sumo_eval.cosim.recordings import end_case, make_recordings
 from sumo_eval.cosim.records import MODEL, SUMO
 from sumo_eval.cosim.stage import Stage
 from sumo_eval.cosim.sumo.session import running, session
@@ -135,9 +136,9 @@ def simulate(
     # an error of `_opened`: `drive` turns the errors within it into end reasons
     except (ControllerError, SimulationError) as error:
         break_off(world, error)
-        world.end(0)
+        end_case(world, 0)
     world.logs[0] += getattr(ads, "log", "")
-    (recording,) = world.recordings(clock.perf_counter() - began)
+    (recording,) = make_recordings(world, clock.perf_counter() - began)
     assert isinstance(recording, Recording)
     return recording
 
@@ -627,7 +628,7 @@ def _together(batch: _Batch, control: EgoControl) -> list[Recording | Alone]:
         )
         return [Alone("together_failed", said(error))] * len(cases)
     batched = "batched" if ads_asks and len(cases) > 1 else ""
-    return world.recordings(clock.perf_counter() - began, batched)
+    return make_recordings(world, clock.perf_counter() - began, batched)
 
 
 @contextmanager

@@ -1,8 +1,9 @@
 """State of one simulation, of one case or a batch: positions of all vehicles, scripts, contacts,
-ends of cases, recordings.
+ends of cases.
 
 `cosim/records.py` defines its records, `cosim/step_rules.py` the rules of a step.
-`cosim/loop.py` calls `move` before SUMO's step and `see` after it.
+`cosim/loop.py` calls `move` before SUMO's step and `see` after it. `cosim/recordings.py` makes the
+recordings of cases that have ended.
 
 Users: `cosim/`, `record/loops.py`.
 """
@@ -10,14 +11,12 @@ Users: `cosim/`, `record/loops.py`.
 import math
 from collections import defaultdict
 from collections.abc import Callable, Mapping, Sequence
-from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 
-from sumo_eval.cosim.contact import describe
 from sumo_eval.cosim.doors.fault_place import fault_place
 from sumo_eval.cosim.impossible import FASTEST
 from sumo_eval.cosim.latency import Latencies
@@ -32,7 +31,6 @@ from sumo_eval.cosim.records import (
     REASONS,
     SCENARIO,
     SIM_ERROR,
-    TO_ITS_END,
     WHATS,
     Scenes,
 )
@@ -47,24 +45,19 @@ from sumo_eval.cosim.step_rules import (
 from sumo_eval.cosim.vehicle_model import GRAVITY, count_clip
 from sumo_eval.errors import ControllerError
 from sumo_eval.kernels import Records, bound
-from sumo_eval.scenario.concrete import Actor, ConcreteScenario, Road, Way, departures
-from sumo_eval.scenario.played import BEGUN, FOLLOW, WAITS, Cast, players, wake_rows
-from sumo_eval.scenario.road.pose import Pose
+from sumo_eval.scenario.concrete import ConcreteScenario, Road, Way
+from sumo_eval.scenario.played import FOLLOW, Cast, players, wake_rows
 from sumo_eval.scenario.road.reference_line import curvatures, knots_of
-from sumo_eval.scenario.touch import Body
 from sumo_eval.settings import SimulationSettings, VehicleSettings
-from sumo_eval.text import clean, clean_log, traceback_of
+from sumo_eval.text import traceback_of
 from sumo_eval.trajectory import (
     CHANNELS,
     Alone,
     BoolArray,
-    Clip,
-    Collision,
     EndReason,
     FloatArray,
     IntArray,
     Recording,
-    Trajectory,
 )
 
 _CODES: dict[Any, Any] = {}
@@ -404,138 +397,6 @@ class World:
             self.scenario = self.scenario.reshape(-1, 2)[rows].reshape(-1)
         self.players = self.players.of(rows)
         self.gather()
-
-    def end(self, row: int) -> None:
-        """Keep the recording and the notes of a case that has ended."""
-        ego = self.egos[row]
-        case = self.case_of(row)
-        self.egos["live"][row] = 0
-        self.going -= 1
-        reason = REASONS[ego["reason"]]
-        assert reason is not None
-        if reason in TO_ITS_END:
-            self._note_waiting(row, case)
-        self._note_missed_goal(row, case)
-        if self.cases[case].ego.recorded:
-            self._note_departure(row, case)
-            self._note_reactions(row, case)
-        actors = self.cases[case].actors
-        hit = self._collision(row, actors) if reason == "contact" else None
-        if hit is not None and hit.side == "rear" and actors[ego["struck"]].model is not None:
-            self.note(case, "struck_from_behind", hit.relative_speed, self._in_its_lane_for(row))
-        counts = self.others["samples"][row].tolist()
-        self.ended[case] = partial(
-            Recording,
-            self._trajectory(row, 0, ego["samples"], self.settings.vehicle),
-            {it.name: self._trajectory(row, 1 + j, counts[j], it) for j, it in enumerate(actors)},
-            hit,
-            reason,
-            self._clips(row, case),
-            commands=None if hit is None else self.kept[row, : self.steps].copy(),
-        )
-
-    def _note_waiting(self, row: int, case: int) -> None:
-        """Record how many acts still wait for their conditions."""
-        acts = self.players.acts[row]
-        # not a `FOLLOW`: SUMO need not take over an actor
-        waiting = (acts["state"] == WAITS) & (acts["kind"] != FOLLOW)
-        # an actor with fewer acts than the array has columns uses the first ones
-        used = np.arange(waiting.shape[1]) < self.players.plays["acts"][row][:, None]
-        if count := int((waiting & used).sum()):
-            self.note(case, "trigger_never_fired", count, 0.0, count=count)
-
-    def _note_missed_goal(self, row: int, case: int) -> None:
-        """Record an ego that is beyond the x by which it had to change lanes, and has not."""
-        ego = self.egos[row]
-        way = ego["way"]
-        # m from the ego to the middle of the lane that it had to change to
-        aside = abs(ego["y"] - (way["start"] + way["offset"]))
-        half_lane = 0.5 * self.cases[case].road.lane_width
-        if way["asked"] and aside > half_lane and ego["x"] >= way["by"]:
-            self.note(case, "goal_missed", way["by"], ego["y"])
-
-    def _note_departure(self, row: int, case: int) -> None:
-        """Record how far the ego was from the recorded ego."""
-        # the first of `CHANNELS`
-        time, x, y = self.samples[row, 0, : self.egos["samples"][row], :3].T
-        apart = departures(self.cases[case].ego.recorded, time, x, y)  # m, at each time
-        most = apart.argmax()
-        self.note(case, "departed", apart[most], apart[-1], first=float(time[most]))
-
-    def _note_reactions(self, row: int, case: int) -> None:
-        """Record when SUMO took over actors of a recorded scene, which react from then on."""
-        acts = self.players.acts[row]
-        begins = acts["begin"][(acts["kind"] == FOLLOW) & (acts["state"] == BEGUN)]
-        if len(begins):
-            first, last = float(begins.min()), float(begins.max())
-            self.note(case, "handed_over", first, last, count=len(begins), first=first)
-
-    def _in_its_lane_for(self, row: int) -> float:
-        """Time since the ego's centre entered its present lane, s."""
-        count = self.egos["samples"][row]
-        width = self.scenario["road"]["lane_width"][0]
-        time, y = self.samples[row, 0, :count, 0], self.samples[row, 0, :count, 2]
-        lane = np.round(y / width)  # y = 0 is the middle of lane 0
-        elsewhere = np.flatnonzero(lane != lane[-1])
-        return float(time[-1] - time[elsewhere[-1]] if len(elsewhere) else time[-1])
-
-    def recordings(self, wall_time: float, batched: str = "") -> list[Recording | Alone]:
-        """The recording of each case, or why it has to be driven alone.
-
-        wall_time: of all cases together, s.
-        batched: as of a `Recording`.
-        """
-        latencies = self.latencies.of_cases()
-        recordings: list[Recording | Alone] = []
-        for case in range(len(self.cases)):
-            if case in self.left:
-                recordings.append(self.left[case])
-                continue
-            error = self.errors.get(case)
-            # the fields of a `Recording` after those that `end` has given
-            recordings.append(self.ended[case](
-                None if error is None else clean(error), clean_log(self.logs[case]),
-                latencies[case], wall_time / len(self.cases), self.places[case],
-                batched,
-            ))  # fmt: skip
-        return recordings
-
-    def _trajectory(
-        self, row: int, vehicle: int, count: int, body: VehicleSettings | Actor
-    ) -> Trajectory:
-        """The first `count` samples of a vehicle: 0 the ego, then the actors."""
-        block = self.samples[row, vehicle, :count].T.copy()
-        return Trajectory.of_block(block, length=body.length, width=body.width)
-
-    def _collision(self, row: int, actors: Sequence[Actor]) -> Collision:
-        """The contact by which a row has ended."""
-        ego = self.egos[row]
-        x = float(ego["x"])
-        struck = int(ego["struck"])
-        # the last sample is the instant of the contact
-        time = float(self.samples[row, 0, ego["samples"] - 1, 0])
-        bodies = self._touching(ego, x), self._touching(self.others[row, struck], x)
-        return describe(time, actors[struck].name, *bodies)
-
-    def _touching(self, vehicle: Any, x: float) -> Body:
-        """A vehicle where it is on the map, in the axes of the road's line at x, m.
-
-        In a curve, a place along and across the line does not give distances between bodies.
-        """
-        body = Body(*vehicle.tolist()[:7])
-        if not len(self.cast.line):
-            return body
-        origin = Pose(0.0, 0.0, 0.0).along(self.cases[0].road.line, x)
-        ahead, left, turned = Pose(*vehicle["map"].tolist()).seen_from(origin)
-        return body._replace(x=x + ahead, y=left, heading=turned)
-
-    def _clips(self, row: int, case: int) -> tuple[Clip, ...]:
-        """The clips that kernels counted in a row, and the notes of its case, by their names."""
-        counted = np.flatnonzero(self.clips["count"][row])
-        clips = [Clip(WHATS[what], *self.clips[row, what].tolist()) for what in counted]
-        # a note has the fields of a clip after `what`, in their order
-        clips += [Clip(what, *vars(note).values()) for what, note in self.notes[case].items()]
-        return tuple(sorted(clips, key=lambda clip: clip.what))
 
 
 def _twice_as_long(array: FloatArray) -> FloatArray:
