@@ -224,13 +224,13 @@ def trend(history: Path, runs: tuple[Path, ...]) -> None:
     gates.
     """
     from sumo_eval.nightly.history import open_history
-    from sumo_eval.nightly.night import import_runs
+    from sumo_eval.nightly.night import import_run
     from sumo_eval.nightly.trend import write_trend
 
     if runs:
         with Progress() as progress:
             for run in runs:  # one at a time: earlier ones are named even if a later one is refused
-                (night,) = import_runs(history, [run], progress)
+                night = import_run(history, run, progress)
                 tell(f"Added {night.folder} as night {night.night}.")
     with open_history(history) as database:
         tell(str(write_trend(history, database)))

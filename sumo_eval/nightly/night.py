@@ -240,26 +240,18 @@ def _unfinished(folder: Path, *, resumed: bool) -> Iterator[None]:
         ) from error
 
 
-def import_runs(history: Path, runs: Sequence[Path], progress: Progress = quiet) -> list[Night]:
-    """Add finished runs to a history, as nights that began when the runs were recorded.
+def import_run(history: Path, run: Path, progress: Progress = quiet) -> Night:
+    """Add a finished run to a history, as a night that began when the run was recorded.
 
     An imported night is never a base, because no gate was evaluated for it.
     """
-    added = []
     with _only_one(history), open_history(history, create=True) as database:
-        for run in runs:
-            evaluation = score(run, progress=progress)
-            created = datetime.fromisoformat(str(evaluation.manifest["created"])).astimezone(UTC)
-            night = _line(
-                evaluation,
-                _name(created),
-                str(run.resolve()),
-                IMPORTED,
-                "Imported; no gate evaluated it.",
-            )
-            database.add(night, evaluation, ())
-            added.append(night)
-    return added
+        evaluation = score(run, progress=progress)
+        created = datetime.fromisoformat(str(evaluation.manifest["created"])).astimezone(UTC)
+        words = "Imported; no gate evaluated it."
+        night = _line(evaluation, _name(created), str(run.resolve()), IMPORTED, words)
+        database.add(night, evaluation, ())
+    return night
 
 
 def _only_one(history: Path) -> AbstractContextManager[None]:

@@ -25,7 +25,7 @@ from sumo_eval.extras.figures.of_scores import intervals
 from sumo_eval.extras.figures.style import MM, WIDTHS, look_of, on_paper, save
 from sumo_eval.extras.panels import INK, Marks, Panel
 from sumo_eval.nightly.history import open_history
-from sumo_eval.nightly.night import import_runs
+from sumo_eval.nightly.night import import_run
 from sumo_eval.record.store import Store
 from sumo_eval.report.html import write_report
 from sumo_eval.scenario.road.reference_line import arc
@@ -173,7 +173,7 @@ def test_a_map_of_four_parameters_is_the_slice_with_most_collisions(tmp_path):
 def test_a_history_of_nights_is_drawn(done, tmp_path):
     history = tmp_path / "history"
     history.mkdir()
-    (night,) = import_runs(history, [done.folder])
+    night = import_run(history, done.folder)
     with open_history(history) as database:  # a night without scores: the lines have a gap there
         database.add(night._replace(night="later"), replace(done, scores=()), ())
         database.add(night._replace(night="last"), done, ())
