@@ -1,10 +1,10 @@
-"""Items by key.
+"""Items by key, and a few of many items.
 
 Users: `cli/`, `cosim/`, `drivers/`, `record/`, `report/`, `scenario/`, `scoring/`, `settings/`,
-`extras/`.
+`whatif/`, `extras/`.
 """
 
-from collections.abc import Hashable, Iterable
+from collections.abc import Hashable, Iterable, Sequence
 from typing import TypeVar
 
 Key = TypeVar("Key", bound=Hashable)
@@ -17,3 +17,12 @@ def grouped(pairs: Iterable[tuple[Key, Item]]) -> dict[Key, list[Item]]:
     for key, item in pairs:
         groups.setdefault(key, []).append(item)
     return groups
+
+
+def evenly_spread(items: Sequence[Item], most: int) -> list[Item]:
+    """At most `most` of the items, evenly spread over their list, the first and the last among
+    them.
+    """
+    count = min(most, len(items))
+    apart = (len(items) - 1) / max(count - 1, 1)  # indices from one to the next
+    return [items[round(number * apart)] for number in range(count)]

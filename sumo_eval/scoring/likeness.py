@@ -20,7 +20,7 @@ import numpy as np
 from sumo_eval.case_table import CaseTable
 from sumo_eval.cases import EVALUATED, ThinReference, Zone
 from sumo_eval.errors import InputError
-from sumo_eval.groups import grouped
+from sumo_eval.groups import evenly_spread, grouped
 from sumo_eval.method.collision_avoidance import collision_weight
 from sumo_eval.method.manoeuvres import words
 from sumo_eval.method.zone_partition import ZonePartition
@@ -311,8 +311,7 @@ def compare_with_people(
 
 def jackknifed(points: Sequence[int]) -> frozenset[int]:
     """At most `JACKKNIFED` of the points, evenly spread over their list."""
-    places = np.linspace(0, len(points) - 1, min(JACKKNIFED, len(points)))
-    return frozenset(points[round(index)] for index in places)
+    return frozenset(evenly_spread(points, JACKKNIFED))
 
 
 def beside_people(

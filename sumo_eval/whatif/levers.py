@@ -3,14 +3,13 @@
 Users: `report/levers_section.py`, `whatif/search.py`.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from operator import attrgetter
 
-import numpy as np
-
 from sumo_eval.errors import InputError
 from sumo_eval.frozen import frozen
+from sumo_eval.groups import evenly_spread
 from sumo_eval.scenario.concrete import Actor, ConcreteScenario
 from sumo_eval.scenario.logical import ONLY, LogicalScenario
 from sumo_eval.settings import SimulationSettings
@@ -125,18 +124,13 @@ def first_values(
 ) -> list[float]:
     """Values of the first round, evenly spread over those at which the scenario has a point."""
     steps = lever.steps()
-    chosen = _evenly(steps)
+    chosen = evenly_spread(steps, VALUES)
     # All steps are tried only if one of these is impossible: making a thousand concrete scenarios
     # takes time.
     if any(moved(logical, values, lever, value) is None for value in chosen):
-        chosen = _evenly([it for it in steps if moved(logical, values, lever, it) is not None])
+        possible = [it for it in steps if moved(logical, values, lever, it) is not None]
+        chosen = evenly_spread(possible, VALUES)
     return chosen
-
-
-def _evenly(values: Sequence[float]) -> list[float]:
-    """At most `VALUES` of the values, evenly spread, both ends among them."""
-    places = np.linspace(0, len(values) - 1, min(VALUES, len(values)))
-    return [values[index] for index in np.round(places).astype(int).tolist()]
 
 
 def moved(

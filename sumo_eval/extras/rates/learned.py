@@ -32,6 +32,7 @@ from sumo_eval.extras.rates.intervals import (
 )
 from sumo_eval.extras.rates.measured import Motion
 from sumo_eval.extras.rates.scenes import CAR_LENGTH, SCENES, EncounterScene, Quantity, content_of
+from sumo_eval.groups import evenly_spread
 from sumo_eval.input_file import writing
 from sumo_eval.report.page import write_csv
 from sumo_eval.report.words import count
@@ -233,9 +234,8 @@ def _fitted(measured: Learnt, path: Path) -> Learnt:
     encounters = measured.encounters
     names = measured.logical.names
     low, high = _tuples(np.array([measured.logical.low, measured.logical.high]))
-    fitted = min(len(measured.rows), MOST_FITTED)
-    # evenly spaced indices of the rows to fit, and the index of each in the encounters
-    even = np.linspace(0, len(measured.rows) - 1, fitted).round().astype(np.intp)
+    # indices of the rows to fit, and the index of each in the encounters
+    even = evenly_spread(range(len(measured.rows)), MOST_FITTED)
     rows = measured.rows[even]
     events = np.flatnonzero(measured.kept)[even].tolist()
     sources = [encounters.sources[event] for event in events]
@@ -258,7 +258,7 @@ def _fitted(measured: Learnt, path: Path) -> Learnt:
     return measured._replace(
         logical=logical, joint=joint, models=models,
         replay=replay_errors(logical, encounters.name, rows, motions),
-        thinned=len(measured.rows) - fitted,
+        thinned=len(measured.rows) - len(rows),
     )  # fmt: skip
 
 
