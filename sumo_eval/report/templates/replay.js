@@ -205,49 +205,7 @@ const sumoReplay = (() => {
       share * width + scale * ((x - x0) * c + (y - y0) * n), height / 2 - scale * ((y - y0) * c - (x - x0) * n),
     ];
     const begin = s - share * width / scale - 30, end = s + (1 - share) * width / scale + 30;
-    const along = (y) => Array.from({ length: Math.ceil((end - begin) / 2) + 1 }, (_, k) => px(onMap(road, begin + 2 * k, y)));
-    context.fillStyle = paper.ground;
-    context.fillRect(0, 0, width, height);
-    context.fillStyle = paper.road;
-    for (const ring of crossingRings(road)) {
-      outline(context, ring.map(([x, y]) => px(onMap(road, x, y))));
-      context.fill();
-    }
-    outline(context, [...along(road.left), ...along(road.right).reverse()]);
-    context.fill();
-    const stroke = (y, style, dash) => {
-      context.beginPath();
-      context.setLineDash(dash);
-      context.lineDashOffset = dash.length ? begin * scale : 0;
-      along(y).forEach(([x, z], k) => (k ? context.lineTo(x, z) : context.moveTo(x, z)));
-      context.lineWidth = 2;
-      context.strokeStyle = style;
-      context.stroke();
-      context.setLineDash([]);
-    };
-    stroke(road.left, paper.muted, []);
-    stroke(road.right, paper.muted, []);
-    for (let lane = 1; lane < road.lanes; lane++) stroke(road.right + lane * road.laneWidth, "#fff", [3 * scale, 6 * scale]);
-    const polyline = (points, style) => {
-      context.beginPath();
-      points.forEach(([x, y], k) => (k ? context.lineTo(x, y) : context.moveTo(x, y)));
-      context.lineWidth = 2;
-      context.strokeStyle = style;
-      context.stroke();
-    };
-    for (const [x0, x1, y] of road.solid) {
-      if (Math.min(x1, end) > Math.max(x0, begin)) polyline(within([[x0, y], [x1, y]], begin, end).map(([x, z]) => px(onMap(road, x, z))), "#fff");
-    }
-    for (const gone of road.gone) {
-      const edge = within(gone.slice(1), begin, end);
-      if (edge.length < 2) continue;
-      const outer = gone[0][1] + 3 / scale * Math.sign(gone[0][1] - gone[1][1]);
-      const border = edge.map(([x, y]) => px(onMap(road, x, y)));
-      outline(context, [...border, ...edge.map(([x]) => px(onMap(road, x, outer))).reverse()]);
-      context.fillStyle = paper.ground;
-      context.fill();
-      polyline(border, paper.muted);
-    }
+    paintRoad(sheet, road, begin, end, px, scale, { ground: paper.ground, road: paper.road, edge: paper.muted });
     context.fillStyle = paper.muted;
     context.font = `11px ${FONT}`;
     context.textAlign = "center";
@@ -266,6 +224,36 @@ const sumoReplay = (() => {
       names.above(name, px(onMap(road, at(t, "x", time), at(t, "y", time))), t.width * scale / 2);
     }
     lastWords(context, corners_, names);
+  }
+
+  /** Paint the ground and the road from above.
+   *  begin, end: of the stretch that is painted, m along the road. px: pixel of a point of the map. scale: pixels a metre.
+   *  colours: of the ground, the road and its edges. */
+  function paintRoad({ context, width, height }, road, begin, end, px, scale, colours) {
+    const onRoad = ([x, y]) => px(onMap(road, x, y));
+    const along = (y) => Array.from({ length: Math.ceil((end - begin) / 2) + 1 }, (_, k) => onRoad([begin + 2 * k, y]));
+    const area = (points, colour) => {
+      outline(context, points);
+      context.fillStyle = colour;
+      context.fill();
+    };
+    context.fillStyle = colours.ground;
+    context.fillRect(0, 0, width, height);
+    for (const ring of crossingRings(road)) area(ring.map(onRoad), colours.road);
+    area([...along(road.left), ...along(road.right).reverse()], colours.road);
+    for (const y of [road.left, road.right]) stroke(context, along(y), colours.edge);
+    context.setLineDash([3 * scale, 6 * scale]);
+    context.lineDashOffset = begin * scale; // dashes stay where they are on the road
+    for (let lane = 1; lane < road.lanes; lane++) stroke(context, along(road.right + lane * road.laneWidth), "#fff");
+    context.setLineDash([]);
+    for (const [x0, x1, y] of road.solid) stroke(context, within([[x0, y], [x1, y]], begin, end).map(onRoad), "#fff"); // no vehicle may cross it
+    for (const gone of road.gone) { // where an outermost lane is missing, there is ground, 3 px beyond the road's edge too
+      const edge = within(gone.slice(1), begin, end), border = edge.map(onRoad);
+      if (edge.length < 2) continue;
+      const outer = gone[0][1] + 3 / scale * Math.sign(gone[0][1] - gone[1][1]);
+      area([...border, ...edge.map(([x]) => onRoad([x, outer])).reverse()], colours.ground);
+      stroke(context, border, colours.edge);
+    }
   }
 
   /** The roads that cross, each as a ring along and across this one; along a bend they keep their width at its line. */
@@ -1008,7 +996,7 @@ const sumoReplay = (() => {
   }
 
   return {
-    player, ahead, speedAlong, gapTo, at, onMap, drawChase, drawBody, CAMERAS, still, moment, named, mapped, bends, within, crossingRings, roomOf, bodyParts, bodyAt,
+    player, ahead, speedAlong, gapTo, at, onMap, pen, paintRoad, drawChase, drawBody, CAMERAS, still, moment, named, mapped, bends, within, crossingRings, roomOf, bodyParts, bodyAt,
   };
 })();
 

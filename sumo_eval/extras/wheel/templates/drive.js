@@ -639,57 +639,21 @@ const sumoDrive = (() => {
 
     /** The plain drawing from above, from 60 m behind the ego to 180 m ahead; ratio: of pixels to those of the page. */
     drawAbove(bodies, ratio) {
-      const { canvas } = this, plain = canvas.getContext("2d"), { road } = this.view.scene, [me] = bodies;
-      plain.setTransform(1, 0, 0, 1, 0, 0);
-      const [width, height] = [canvas.clientWidth, canvas.clientHeight].map((size) => Math.round(ratio * size));
-      if (canvas.width !== width || canvas.height !== height) Object.assign(canvas, { width, height });
-      const scale = Math.max(4 * ratio, canvas.height / 110); // pixels a metre: about 110 m are in view
+      const sheet = sumoReplay.pen(this.canvas, ratio);
+      if (!sheet) return;
+      const { context, width, height } = sheet, [me] = bodies;
+      const scale = Math.max(4, height / 110); // pixels a metre: about 110 m are in view
       const [c, s] = [Math.cos(me.heading), Math.sin(me.heading)];
       /** Pixel of a point of the map. The ego is in the middle, a quarter from the bottom, and heads up. */
       const px = ([x, y]) => {
         const ahead = (x - me.x) * c + (y - me.y) * s, left = (y - me.y) * c - (x - me.x) * s;
-        return [canvas.width / 2 - scale * left, 0.75 * canvas.height - scale * ahead];
+        return [width / 2 - scale * left, 0.75 * height - scale * ahead];
       };
-      plain.fillStyle = "#c9d3c2";
-      plain.fillRect(0, 0, canvas.width, canvas.height);
-      const from = this.state[3][0] - 60, to = from + 240;
-      /** Pixels of the line at an offset d from the road's own, every 2 m. */
-      const along = (d) => Array.from({ length: 120 }, (_, k) => px(sumoReplay.onMap(road, from + 2 * k, d)));
-      const line = (points, close) => {
-        plain.beginPath();
-        points.forEach(([x, y], k) => (k ? plain.lineTo(x, y) : plain.moveTo(x, y)));
-        if (close) plain.closePath();
-      };
-      const onRoad = ([x, y]) => px(sumoReplay.onMap(road, x, y));
-      const area = (points, fill) => {
-        line(points, true);
-        plain.fillStyle = fill;
-        plain.fill();
-      };
-      for (const ring of sumoReplay.crossingRings(road)) area(ring.map(onRoad), "#9aa1a8");
-      area([...along(road.left), ...along(road.right).reverse()], "#9aa1a8");
-      plain.strokeStyle = "#fff";
-      plain.lineWidth = 2 * ratio;
-      for (let lane = 0; lane <= road.lanes; lane++) {
-        plain.setLineDash(lane && lane < road.lanes ? [3 * scale, 6 * scale] : []);
-        plain.lineDashOffset = -from * scale;
-        line(along(road.right + lane * road.laneWidth), false);
-        plain.stroke();
-      }
-      for (const [a, b, d] of road.solid) if (b > from && a < to) { // lines that no vehicle may cross
-        const [begin, end] = [Math.max(a, from), Math.min(b, to)];
-        line(Array.from({ length: 60 }, (_, k) => px(sumoReplay.onMap(road, begin + (end - begin) * k / 59, d))), false);
-        plain.setLineDash([]);
-        plain.stroke();
-      }
-      plain.setLineDash([]);
-      for (const gone of road.gone) { // where an outermost lane is missing, there is ground, 0.1 m beyond the road's edge too
-        const outer = gone[0][1] + 0.1 * Math.sign(gone[0][1] - gone[1][1]), edge = sumoReplay.within(gone.slice(1), from, to);
-        area([...edge, ...edge.map(([x]) => [x, outer]).reverse()].map(onRoad), "#c9d3c2");
-      }
+      const from = this.state[3][0] - 60;
+      sumoReplay.paintRoad(sheet, this.view.scene.road, from, from + 240, px, scale, { ground: "#c9d3c2", road: "#9aa1a8", edge: "#fff" });
       for (const it of bodies) {
         const { x, y, heading, length, width } = it;
-        sumoReplay.drawBody(plain, { time: [0], x: [x], y: [y], heading: [heading], length, width }, 0, px, it.colour, false);
+        sumoReplay.drawBody(context, { time: [0], x: [x], y: [y], heading: [heading], length, width }, 0, px, it.colour, false);
       }
     }
 
