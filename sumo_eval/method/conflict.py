@@ -101,7 +101,7 @@ def _encounters(logical: LogicalScenario, points: FloatArray, settings: ZoneSett
     search = logical.search
     assert search is not None
     size = ego_size(logical)
-    values = [dict(zip(logical.names, row, strict=True)) for row in points.tolist()]
+    values: list[Any] = list(map(logical.point, points.tolist()))
     placed = [logical.placed(point) for point in values]
     delays = [float(search.delay(point)) for point in values]
     if search.conflict:

@@ -6,7 +6,7 @@ Users: `drivers/`, `method/`, `record/`, `report/`, `results.py`, `scenario/`, `
 """
 
 import itertools
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import field, replace
 from html import escape
 from math import floor, inf, isfinite, log10
@@ -376,6 +376,10 @@ class LogicalScenario:
         """Values by name as one row in the order of `parameters`."""
         return np.array([values[name] for name in self.names])
 
+    def point(self, row: Iterable[float]) -> dict[str, float]:
+        """Values by name of a row in the order of `parameters`."""
+        return dict(zip(self.names, row, strict=True))
+
     def in_box(self, points: ArrayLike) -> BoolArray:
         """Whether each of the points (n, k) is within the ranges of all parameters."""
         array = np.asarray(points, float)
@@ -436,4 +440,4 @@ class LogicalScenario:
             return []
         self.columns(points)  # refuses points of another length
         rows = np.reshape(points, (-1, len(self.names))).tolist()
-        return [self.concrete(**dict(zip(self.names, row, strict=True))) for row in rows]
+        return [self.concrete(**self.point(row)) for row in rows]

@@ -548,5 +548,5 @@ def concrete(read: Read, point: Mapping[str, float]) -> ConcreteScenario:
     """The concrete scenario of a file at a point, empty for the one case of a file without axes."""
     logical = read.logical
     if not point:
-        point = dict(zip(logical.names, logical.samples[0].points[0], strict=True))
+        point = logical.point(logical.samples[0].points[0])
     return logical.concrete(**point)

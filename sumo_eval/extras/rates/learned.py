@@ -407,7 +407,7 @@ def replay_errors(
     """
     scene = SCENES[class_]
     squares = (
-        _replay_squares(logical.placed(dict(zip(logical.names, row, strict=True))), scene, motion)
+        _replay_squares(logical.placed(logical.point(row)), scene, motion)
         for row, motion in zip(rows.tolist(), motions, strict=True)
     )
     return np.sqrt([(along, across, along + across) for along, across in squares])

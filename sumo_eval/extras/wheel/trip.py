@@ -67,7 +67,7 @@ def concrete_of(logical: LogicalScenario, values: Mapping[str, float]) -> Concre
         away = np.linalg.norm(logical.to_unit(points) - logical.to_unit(row), axis=-1)
         # one by one, because an OpenSCENARIO file checks many points at once by constraints alone
         row = next(filter(logical.feasible, points[away.argsort(kind="stable")]), row)
-    return logical.concrete(**dict(zip(logical.names, row.tolist(), strict=True)))
+    return logical.concrete(**logical.point(row.tolist()))
 
 
 def new_tape(folder: Path, name: str) -> Path:

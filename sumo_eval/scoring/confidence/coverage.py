@@ -89,7 +89,7 @@ def space_coverage(zones: ZonePartition, points: FloatArray) -> SpaceCoverage:
         buckets=buckets,
         pairs=tuple(pairs),
         empty_radius=float(distance[emptiest]),
-        empty_centre=dict(zip(logical.names, possible[emptiest].tolist(), strict=True)),
+        empty_centre=logical.point(possible[emptiest].tolist()),
         boundary_resolved=_resolved(zones, points),
         exposure_inside=_inside(logical.parameters),
     )
