@@ -34,7 +34,6 @@ def test_a_space_without_an_untried_point_asks_for_none():
     search = BoundarySearch(square("a", "b"))
     points = search.ask(POOL)
     search.tell(points[::40], slanting_interval(points[::40]))
-    search.skip(points)
     assert not len(search.ask(1))
 
 
@@ -93,10 +92,9 @@ def test_only_possible_points_are_asked_for_and_none_twice():
     assert len(np.unique(search.points, axis=0)) == len(search.points)
 
 
-def test_skipped_points_are_not_asked_for_again():
+def test_points_without_an_outcome_are_not_asked_for_again():
     search = BoundarySearch(square("a", "b"))
     lost = search.ask(10)
-    search.skip(lost)
     assert not {tuple(row) for row in lost.tolist()} & {
         tuple(row) for row in search.ask(20).tolist()
     }

@@ -95,7 +95,6 @@ def find_boundary(
         done += len(points)
         evaluated = np.isin(statuses, EVALUATED)
         not_evaluated.update(statuses[~evaluated].tolist())
-        search.skip(points[~evaluated])
         search.tell(points[evaluated], statuses[evaluated] == "collision")
         rounds.append(Round(done, int(search.outcomes.sum()), search.expected_change, search.doubt))
         if rounds[-1].expected_change < tolerance:

@@ -73,7 +73,6 @@ class BoundarySearch:
         self._classes: BoolArray | None = None  # of the pool's points, by the latest model
         # of each model: share of the pool whose class differs from that by the model before
         self._changes: list[float] = []
-        self._skipped: set[tuple[float, ...]] = set()
         pool = evenly(logical, POOL, random_stream(seed, "boundary", logical.name))
         self._pool = pool[logical.feasible(pool)]
         if not len(self._pool):
@@ -81,18 +80,23 @@ class BoundarySearch:
                 f"Scenario `{logical.name}` must have a possible point among {POOL} evenly spread "
                 "ones, got none."
             )
+        self._untried = self._pool  # points that `ask` has not given yet
 
     def ask(self, n: int) -> FloatArray:
-        """The next points to try, at most `n`, (n, k); evenly spread ones until both outcomes have
-        been seen.
+        """The next points to try, at most `n`, (n, k), each given once; evenly spread ones until
+        both outcomes have been seen.
         """
-        tried = {tuple(row) for row in self.points.tolist()} | self._skipped
-        untried = np.array([row for row in self._pool.tolist() if tuple(row) not in tried])
-        if self._model is None or not len(untried):
-            return untried[:n]
-        mean, variance, covariance = self._latent(self.logical.to_unit(untried))
+        untried = self._untried
+        n = min(n, len(untried))
+        chosen = list(range(n)) if self._model is None else self._least_certain(untried, n)
+        self._untried = np.delete(untried, chosen, axis=0)
+        return untried[chosen]
+
+    def _least_certain(self, points: FloatArray, n: int) -> list[int]:
+        """Rows of the `n` of these points where the sign of f is least certain."""
+        mean, variance, covariance = self._latent(self.logical.to_unit(points))
         chosen: list[int] = []
-        for number in range(min(n, len(untried))):
+        for number in range(n):
             deviation = np.sqrt(np.maximum(variance, 0.0))
             explores = number % EXPLORE_EVERY == EXPLORE_EVERY - 1
             score = deviation if explores else STRADDLE * deviation - np.abs(mean)
@@ -102,7 +106,7 @@ class BoundarySearch:
             # a measurement at `best` reduces the variance everywhere, whatever its outcome
             shared = covariance(best)
             variance = variance - shared**2 / (shared[best] + LABEL_VARIANCE)
-        return untried[chosen]
+        return chosen
 
     def tell(self, points: FloatArray, outcomes: ArrayLike) -> None:
         """Learn from the outcomes (n,), True or False, of points (n, k)."""
@@ -110,10 +114,6 @@ class BoundarySearch:
         self.outcomes = np.concatenate([self.outcomes, np.asarray(outcomes, bool)])
         if self.outcomes.any() and not self.outcomes.all():
             self._fit()
-
-    def skip(self, points: FloatArray) -> None:
-        """Note points (n, k) that could not be evaluated: `ask` does not give them again."""
-        self._skipped |= {tuple(row) for row in points.tolist()}
 
     def probability(self, points: FloatArray) -> FloatArray:
         """Probability (n,) that the outcome at points (n, k) is True, by the trials so far."""
