@@ -236,7 +236,7 @@ def _drive(
     while len((draw := search.ask()).points):
         outcomes = trials.at(
             draw.points, space.logical, (item.name, item.locator),
-            first=search.drives - len(draw.points),  # `ask` has counted these points already
+            first=search.drives,
             ended=lambda done: watch(f"{space.logical.name}: {item.name}", done, settings.budget),
         )  # fmt: skip
         statuses = [outcome.status for outcome in outcomes]

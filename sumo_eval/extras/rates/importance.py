@@ -103,9 +103,7 @@ class RareEvents:
     exposure: of the scenario's points.
     budget: most drives.
 
-    drives: number of points asked for.
     drawn: number of points drawn for the estimate, impossible ones included.
-    in_estimate: whether each drive counts, (n,); a drive that explores does not.
     weights, loss: p/q and L of each drive, (n,).
 
     The same seed and the same outcomes lead to the same points.
@@ -114,8 +112,7 @@ class RareEvents:
     def __init__(self, exposure: Exposure, budget: int, seed: int = 1) -> None:
         self.exposure, self.budget, self.seed = exposure, budget, seed
         self.loss, self.weights = np.empty(0), np.empty(0)
-        self.in_estimate = np.empty(0, bool)
-        self.drawn = self.drives = self._rounds = 0
+        self.drawn = self._rounds = 0
         self._search = BoundarySearch(exposure.logical, seed)
 
     @property
@@ -127,6 +124,16 @@ class RareEvents:
     def collided(self) -> BoolArray:
         """Whether each drive ended in a collision, (n,)."""
         return self._search.outcomes
+
+    @property
+    def in_estimate(self) -> BoolArray:
+        """Whether each drive counts, (n,); a drive that explores has no weight."""
+        return self.weights > 0.0
+
+    @property
+    def drives(self) -> int:
+        """Number of drives so far."""
+        return len(self.points)
 
     @property
     def exploring(self) -> bool:
@@ -143,9 +150,7 @@ class RareEvents:
         size = min(size, self.budget - self.drives)
         if size == 0:
             return Draw(self.points[:0], np.empty(0), 0)
-        draw = self._explore(size, stream) if self.exploring else self._count(size, stream)
-        self.drives += len(draw.points)
-        return draw
+        return self._explore(size, stream) if self.exploring else self._count(size, stream)
 
     def tell(self, draw: Draw, collided: BoolArray, loss: FloatArray) -> None:
         """Learn from the outcomes of a draw.
@@ -155,7 +160,6 @@ class RareEvents:
         """
         self.loss = np.append(self.loss, loss)
         self.weights = np.append(self.weights, draw.weights)
-        self.in_estimate = np.append(self.in_estimate, np.full(len(collided), draw.drawn > 0))
         self.drawn += draw.drawn
         self._search.tell(draw.points, collided)
 
