@@ -5,7 +5,7 @@ Users: `extras/openscenario/command.py`.
 
 import math
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +15,7 @@ from sumo_eval.extras.openscenario.collections import uses_of
 from sumo_eval.extras.openscenario.logical import Read, concrete, concrete_points
 from sumo_eval.extras.openscenario.moves import changes_nothing
 from sumo_eval.scenario import played
-from sumo_eval.scenario.concrete import Actor
+from sumo_eval.scenario.concrete import Actor, Numbers
 from sumo_eval.scenario.file import leaving
 
 _SHOWN = 5  # reasons that are listed, at most
@@ -65,7 +65,7 @@ def described(read: Read) -> Iterator[str]:
         yield from _scene(read, first)
 
 
-def _scene(read: Read, point: Mapping[str, float]) -> Iterator[str]:
+def _scene(read: Read, point: Numbers) -> Iterator[str]:
     """Sentences on the vehicles at a point."""
     case = concrete(read, point)
     yield (

@@ -30,7 +30,7 @@ from sumo_eval.extras.openscenario.space import Assignments, Axis, FileSpace, re
 from sumo_eval.frozen import frozen
 from sumo_eval.groups import grouped
 from sumo_eval.input_file import input_file
-from sumo_eval.scenario.concrete import Actor, ConcreteScenario, Road, Start
+from sumo_eval.scenario.concrete import Actor, ConcreteScenario, Numbers, Road, Start
 from sumo_eval.scenario.first_places import misplaced
 from sumo_eval.scenario.logical import (
     ONLY,
@@ -81,7 +81,7 @@ class PlacedByFile:
     space: FileSpace
     road: Frame
 
-    def __call__(self, values: Mapping[str, float]) -> tuple[Start, tuple[Actor, ...]]:
+    def __call__(self, values: Numbers) -> tuple[Start, tuple[Actor, ...]]:
         """The scene at a point, also at one that the file's constraints forbid: a search for zones
         looks there too.
         """
@@ -145,7 +145,7 @@ class Weighted:
         return math.prod(weights, start=self.density(values))
 
 
-def refusal(space: FileSpace, road: Frame, point: Mapping[str, float]) -> str | None:
+def refusal(space: FileSpace, road: Frame, point: Numbers) -> str | None:
     """Reason why a point is not driven; None: it is driven.
 
     `= ` stands before a reason that the file intends: a constraint forbids the point, or the point
@@ -157,7 +157,7 @@ def refusal(space: FileSpace, road: Frame, point: Mapping[str, float]) -> str | 
     return None if case.frame.shape == road.shape else f"= another road, {case.frame.name}"
 
 
-def _looked_at(space: FileSpace, point: Mapping[str, float]) -> FileCase | str:
+def _looked_at(space: FileSpace, point: Numbers) -> FileCase | str:
     """The scene at a point, or why it is not driven, as `refusal` gives it."""
     assignments = tuple(sorted(space.parameters(point).items()))
     return _case_or_why(space.file, changes(space.file), assignments, space.options)
@@ -544,7 +544,7 @@ def concrete_points(
         yield point, refusal(read.space, read.frame, point)
 
 
-def concrete(read: Read, point: Mapping[str, float]) -> ConcreteScenario:
+def concrete(read: Read, point: Numbers) -> ConcreteScenario:
     """The concrete scenario of a file at a point, empty for the one case of a file without axes."""
     logical = read.logical
     if not point:

@@ -5,7 +5,7 @@ Users: `extras/openscenario/command.py`.
 
 import math
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +16,7 @@ from sumo_eval.extras.openscenario.logical import Read, concrete
 from sumo_eval.extras.openscenario.scene import distinct
 from sumo_eval.report.page import write_page
 from sumo_eval.scenario import played
-from sumo_eval.scenario.concrete import Actor, ConcreteScenario, Road, Start
+from sumo_eval.scenario.concrete import Actor, ConcreteScenario, Numbers, Road, Start
 from sumo_eval.scenario.logical import ONLY
 from sumo_eval.scenario.road.reference_line import Piece
 from sumo_eval.scenario.road.table import bend_name
@@ -37,7 +37,7 @@ _OF_A_NUMBER = {played.NEGATE: "-", played.ABSOLUTE: "abs"}
 _OF_NUMBERS = {played.SMALLER: "min", played.LARGER: "max"}
 
 
-def scenario_content(read: Read, point: Mapping[str, float]) -> Table:
+def scenario_content(read: Read, point: Numbers) -> Table:
     """The content of the scenario file for one point of an OpenSCENARIO file.
 
     Raises InputError where `point` leaves parameters open, and for a case that a scenario file

@@ -36,7 +36,7 @@ from sumo_eval.groups import evenly_spread
 from sumo_eval.input_file import writing
 from sumo_eval.report.page import write_csv
 from sumo_eval.report.words import count
-from sumo_eval.scenario.concrete import ConcreteScenario
+from sumo_eval.scenario.concrete import ConcreteScenario, Numbers
 from sumo_eval.scenario.file import read_scenario, scenario_from
 from sumo_eval.scenario.joint import Joint, JointKind
 from sumo_eval.scenario.logical import LogicalScenario
@@ -72,7 +72,7 @@ class Fit(NamedTuple):
 
     model: str
     log_likelihood: float
-    kolmogorov: Mapping[str, float]
+    kolmogorov: Numbers
     joint: Joint | None = None
 
 
@@ -106,7 +106,7 @@ class Learnt(NamedTuple):
     encounters: Encounters
     rate: Limits
     needed: int
-    constants: Mapping[str, float]
+    constants: Numbers
     logical: LogicalScenario | None = None
     content: Mapping[str, Any] = {}
     kept: BoolArray = np.zeros(0, dtype=np.bool_)

@@ -8,7 +8,6 @@ Users: `extras/wheel/command.py`, `extras/wheel/study.py`.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Mapping
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -21,7 +20,7 @@ from sumo_eval.extras.wheel.quality import Quality, quality_of, timing
 from sumo_eval.extras.wheel.tape import OWN_WISH, Writer, digest, head_of, read_tape
 from sumo_eval.record.store import EGO
 from sumo_eval.report.page import Json
-from sumo_eval.scenario.concrete import ConcreteScenario
+from sumo_eval.scenario.concrete import ConcreteScenario, Numbers
 from sumo_eval.scenario.logical import LogicalScenario
 from sumo_eval.scenario.sampling.samples import sample
 from sumo_eval.settings import SimulationSettings
@@ -50,7 +49,7 @@ def settings_at(rate: int) -> SimulationSettings:
     return SimulationSettings(step=1.0 / rate)
 
 
-def concrete_of(logical: LogicalScenario, values: Mapping[str, float]) -> ConcreteScenario:
+def concrete_of(logical: LogicalScenario, values: Numbers) -> ConcreteScenario:
     """The concrete scenario at these values, with every other parameter in the middle of its range.
 
     Where the constraints forbid this point, the other parameters are those of the nearest possible
