@@ -13,6 +13,7 @@ import difflib
 import itertools
 import os
 import re
+from collections import Counter
 from collections.abc import Collection, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 
@@ -178,6 +179,11 @@ def check_known(kind: str, known: Collection[str], *names: str) -> None:
     for name in names:
         if name not in known:
             raise unknown(kind, name, known)
+
+
+def doubled(names: Iterable[str]) -> list[str]:
+    """The names that occur more than once, in their order."""
+    return [name for name, number in Counter(names).items() if number > 1]
 
 
 def said(error: BaseException) -> str:

@@ -20,7 +20,7 @@ from typing import Annotated, Any, get_args
 
 import numpy as np
 
-from sumo_eval.errors import InputError, must_be
+from sumo_eval.errors import InputError, doubled, must_be
 from sumo_eval.frozen import frozen
 from sumo_eval.scenario.expression import Definitions, Expression, checked_names, number
 from sumo_eval.scenario.joint import Joint, of_values
@@ -247,12 +247,11 @@ class Names:
         kind: of what they are names. owner: part of the file that holds them; default: the file.
         """
         listed = list(names)
-        for name in listed:
-            if listed.count(name) > 1:
-                raise InputError(
-                    f"Every {kind} of {owner or self.where} must have a name of its own, "
-                    f"got `{name}` twice."
-                )
+        if double := doubled(listed):
+            raise InputError(
+                f"Every {kind} of {owner or self.where} must have a name of its own, "
+                f"got `{double[0]}` twice."
+            )
         return listed
 
 

@@ -8,14 +8,13 @@ Users: `scenario/file_tables.py`, `scenario/sampling/listed_points.py`.
 
 import csv
 import re
-from collections import Counter
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
-from sumo_eval.errors import InputError, did_you_mean, must_be
+from sumo_eval.errors import InputError, did_you_mean, doubled, must_be
 from sumo_eval.input_file import input_file
 from sumo_eval.scenario.units import factor_to, in_own_unit
 from sumo_eval.text import from_cell, number_in, shown
@@ -59,7 +58,7 @@ def read_numbers(path: Path, what: str, units: Mapping[str, str], further: str =
         raise InputError(f"The {what} {path} must have {column} {listed}.{near}")
     if not lines:
         raise InputError(f"The {what} {path} must have at least one row.")
-    if double := [name for name, times in Counter(names).items() if times > 1]:
+    if double := doubled(names):
         raise InputError(
             f"The {what} {path} must have every column once, got {shown(double[0])} twice."
         )

@@ -10,7 +10,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from sumo_eval.errors import InputError, check_known, must_be
+from sumo_eval.errors import InputError, check_known, doubled, must_be
 from sumo_eval.frozen import frozen
 from sumo_eval.scenario import catalogue
 from sumo_eval.scenario.concrete import EgoBody
@@ -77,6 +77,5 @@ def find_with(vehicle: VehicleSettings, use: str, folder: Path) -> LogicalScenar
 
 def refuse_doubles(names: Sequence[str]) -> None:
     """Raise InputError for two scenarios of one name: keys of cases begin with it."""
-    for name in names:
-        if names.count(name) > 1:
-            raise InputError(f"Logical scenarios must differ in their names, got `{name}` twice.")
+    if double := doubled(names):
+        raise InputError(f"Logical scenarios must differ in their names, got `{double[0]}` twice.")

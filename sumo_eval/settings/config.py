@@ -9,7 +9,6 @@ Users: `cli/`, `cosim/`, `evaluation.py`, `nightly/`, `record/`, `report/`, `sce
 """
 
 import json
-from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
@@ -17,7 +16,7 @@ from typing import Any, TypeVar
 
 import tomli_w
 
-from sumo_eval.errors import InputError, check_known, did_you_mean, said
+from sumo_eval.errors import InputError, check_known, did_you_mean, doubled, said
 from sumo_eval.input_file import read_input_text
 from sumo_eval.settings import Checked, EvaluationSettings, ScenarioSettings
 from sumo_eval.settings.checked import Mistake, read_table
@@ -166,8 +165,7 @@ def check_evaluation(settings: EvaluationSettings, where: object, *, own_ads: bo
                 f"{what} in {where} must not begin with `~`, which marks the ideal vehicle and "
                 "the drivers."
             )
-        double = sorted(name for name, number in Counter(names).items() if number > 1)
-        if double:
+        if double := doubled(names):
             raise InputError(
                 f"{what} in {where} must differ from each other, got {double[0]!r} twice."
             )

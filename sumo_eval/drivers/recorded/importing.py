@@ -23,7 +23,7 @@ from sumo_eval.drivers.recorded.importers import (
 from sumo_eval.drivers.recorded.importers.tables import Samples, files_in
 from sumo_eval.drivers.recorded.recordings import MOTOR_CLASSES, Recordings, canonical, read_csv
 from sumo_eval.drivers.recorded.straighten import straighten
-from sumo_eval.errors import InputError, check_known
+from sumo_eval.errors import InputError, check_known, doubled
 
 READERS: dict[str, tuple[Callable[[Path], Samples], Sequence[str]]] = {
     "highd": (highd.read, ("*_tracks.csv",)),
@@ -50,9 +50,8 @@ def import_recordings(form: str, paths: Sequence[Path]) -> Recordings:
     """
     parts = list(each_of(form, paths))
     names = [name for part in parts for name in part.table["recording"].unique()]
-    double = {name for name in names if names.count(name) > 1}
-    if double:
-        raise InputError(f"Recordings must have different names, got {min(double)!r} twice.")
+    if double := doubled(names):
+        raise InputError(f"Recordings must have different names, got {double[0]!r} twice.")
     table = pd.concat([part.table for part in parts], ignore_index=True)
     kinds = table[["recording", "vehicle", "class"]].drop_duplicates()["class"]
     unknown_classes = kinds[~kinds.isin({*MOTOR_CLASSES, "bicycle", "pedestrian"})].value_counts()

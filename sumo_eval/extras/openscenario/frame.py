@@ -8,6 +8,7 @@ Users: `extras/openscenario/logical.py`, `extras/openscenario/moments.py`,
 
 import math
 from functools import lru_cache
+from itertools import pairwise
 from typing import NamedTuple
 
 from sumo_eval.extras.openscenario.network import (
@@ -138,16 +139,12 @@ def _lanes(ego: Entity, road: MapRoad, own: Lane, way: int) -> tuple[float, int]
         raise ego.element.fault(
             f"the ego's lane {own.number} must be a driving lane, it is `{own.kind}`"
         )
+    # whether each lane adjoins the next one to its left
+    adjoin = [abs(abs(b.centre - a.centre) - own.width) < ON for a, b in pairwise(driving)]
     first = last = driving.index(own)
-
-    def adjoin(lane: int) -> bool:
-        """Whether the lane at an index of `driving` adjoins the next one to its right."""
-        apart = abs(driving[lane].centre - driving[lane - 1].centre)
-        return abs(apart - own.width) < ON
-
-    while first > 0 and adjoin(first):
+    while first > 0 and adjoin[first - 1]:
         first -= 1
-    while last + 1 < len(driving) and adjoin(last + 1):
+    while last < len(adjoin) and adjoin[last]:
         last += 1
     return driving[first].centre, last - first + 1
 

@@ -24,7 +24,7 @@ from annotated_types import Ge, Le
 from scipy.special import stdtrit
 
 from sumo_eval.cases import EVALUATED
-from sumo_eval.errors import InputError
+from sumo_eval.errors import InputError, doubled
 from sumo_eval.extras.rates import BUDGET
 from sumo_eval.extras.rates.exposure import Exposure, normalised_exposure, resampled
 from sumo_eval.extras.rates.importance import (
@@ -172,7 +172,7 @@ def read_campaign(path: Path) -> CampaignSettings:
     ):
         if not names:
             raise InputError(f"{path} must have at least one [[{table}]].")
-        if repeated := [name for name, count in Counter(names).items() if count > 1]:
+        if repeated := doubled(names):
             raise InputError(f"Each [[{table}]] of {path} must differ, got {repeated[0]!r} twice.")
     return settings
 
