@@ -25,6 +25,7 @@ from functools import lru_cache
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
+from numpy.random import Generator
 from numpy.typing import ArrayLike
 
 from sumo_eval.errors import InputError, must_be
@@ -105,7 +106,7 @@ class Joint:
         """
         return 1.0 if self.kind == "copula" else _share_inside(self)
 
-    def draw(self, count: int, stream: np.random.Generator) -> FloatArray:
+    def draw(self, count: int, stream: Generator) -> FloatArray:
         """Points (count, k) of this density within the box."""
         prepared = _prepared(self)
         if self.kind == "copula":
@@ -145,7 +146,7 @@ class _Kernels(NamedTuple):
     shares: FloatArray
     root: FloatArray
 
-    def draw(self, count: int, stream: np.random.Generator) -> FloatArray:
+    def draw(self, count: int, stream: Generator) -> FloatArray:
         """Points (count, k)."""
         kernels = stream.choice(len(self.rows), size=count, p=self.shares)
         off_centre = stream.standard_normal((count, self.rows.shape[1])) @ self.root.T
@@ -178,7 +179,7 @@ class _Copula(NamedTuple):
     densities: FloatArray
     distributions: FloatArray
 
-    def draw(self, count: int, stream: np.random.Generator) -> FloatArray:
+    def draw(self, count: int, stream: Generator) -> FloatArray:
         """Points (count, k)."""
         from scipy.special import ndtr
 

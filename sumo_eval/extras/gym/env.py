@@ -10,32 +10,31 @@ from typing import Any
 
 import gymnasium
 import numpy as np
+from gymnasium.spaces import Box, Discrete
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
-from numpy.typing import NDArray
 
 from sumo_eval.cosim.doors.features import Action, Feature, Interface
 from sumo_eval.errors import must_be
-from sumo_eval.extras.gym.episodes import TERMINAL, Episodes
+from sumo_eval.extras.gym.episodes import TERMINAL, Episodes, Floats
 from sumo_eval.scenario.logical import LogicalScenario
 from sumo_eval.trajectory import BoolArray
 
-Floats = NDArray[Any]
 Info = dict[str, Any]
 """Values by name, as in gymnasium's `options` and `info`."""
 
 
-def _spaces(interface: Interface) -> tuple[gymnasium.spaces.Box, gymnasium.Space[Any]]:
+def _spaces(interface: Interface) -> tuple[Box, gymnasium.Space[Any]]:
     """The spaces of the features and of the actions."""
-    choices = gymnasium.spaces.Discrete(interface.width)
+    choices = Discrete(interface.width)
     actions = _box(interface.actions) if interface.choices is None else choices
     return _box(interface.features), actions
 
 
-def _box(scaled: Sequence[Feature | Action]) -> gymnasium.spaces.Box:
+def _box(scaled: Sequence[Feature | Action]) -> Box:
     """The space of scaled values: -1..1 of each with a range, else all numbers."""
     largest = np.array([np.inf if it.low is None else 1.0 for it in scaled], np.float32)
-    return gymnasium.spaces.Box(-largest, largest, dtype=np.float32)
+    return Box(-largest, largest, dtype=np.float32)
 
 
 def _answers(interface: Interface, actions: Any, count: int) -> Floats:

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.random import Generator
 from numpy.typing import NDArray
 
 from sumo_eval.cosim.doors.entry import steps_between
@@ -26,7 +27,7 @@ from sumo_eval.trajectory import BoolArray, IntArray
 
 Floats = NDArray[Any]
 Point = Mapping[str, float]
-Sampler = Callable[[np.random.Generator], Point]
+Sampler = Callable[[Generator], Point]
 
 TERMINAL = ("contact", "off_road", "road_end", "standstill")
 """Ends that the drive itself brings (gymnasium's `terminated`). Others, such as `time_limit` and
@@ -142,7 +143,7 @@ class Episodes:
         )
 
     def begin(
-        self, rows: IntArray, generators: list[np.random.Generator], options: Mapping[str, Any]
+        self, rows: IntArray, generators: list[Generator], options: Mapping[str, Any]
     ) -> None:
         """Restart episodes, each at a point drawn by its generator. The first call begins all.
 
@@ -163,7 +164,7 @@ class Episodes:
         self._start_speeds[rows] = [concrete.ego.speed for concrete in cases]
         self._calls[rows] = 0
 
-    def point(self, generator: np.random.Generator, options: Mapping[str, Any]) -> dict[str, float]:
+    def point(self, generator: Generator, options: Mapping[str, Any]) -> dict[str, float]:
         """A point of the space: parameter -> value.
 
         A parameter that neither the options nor the sampler set is drawn from its range.
@@ -284,7 +285,7 @@ class Episodes:
         return math.dist(*(velocity(Body(*vehicle.tolist()[:7])) for vehicle in both))
 
 
-def _sampled(sampler: Any, generator: np.random.Generator) -> dict[str, float]:
+def _sampled(sampler: Any, generator: Generator) -> dict[str, float]:
     """A user's point: parameter -> value."""
     if not callable(sampler):
         raise must_be("`sampler`", "an environment", "a function of a random generator", sampler)

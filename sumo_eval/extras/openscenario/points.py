@@ -25,6 +25,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+from numpy.random import Generator
 
 from sumo_eval.errors import InputError, check_known, must_be
 from sumo_eval.extras.openscenario.reading import Node, read_openscenario
@@ -252,7 +253,7 @@ def _stochastic(element: Node, owner: str, count: int | None, seed: int) -> tupl
     return tuple(dict(zip(distributions, row, strict=True)) for row in rows)
 
 
-def _draws(kind: Node, runs: int, stream: np.random.Generator) -> list[Value]:
+def _draws(kind: Node, runs: int, stream: Generator) -> list[Value]:
     """Values (runs,) of a stochastic distribution."""
     if kind.tag == "UniformDistribution":
         return list(stream.uniform(*range_of(kind), runs).tolist())
@@ -270,7 +271,7 @@ def _draws(kind: Node, runs: int, stream: np.random.Generator) -> list[Value]:
     raise kind.fault(f"its Range must have values of the distribution, got {low}..{high}")
 
 
-def _weighted_draws(kind: Node, runs: int, stream: np.random.Generator) -> list[Value]:
+def _weighted_draws(kind: Node, runs: int, stream: Generator) -> list[Value]:
     """Values (runs,) of listed ones with weights, or within the weighted bins of a histogram."""
     parts = kind.all("Element") or kind.all("Bin")
     weights = np.array([part.number("weight", 1.0) for part in parts])
@@ -283,7 +284,7 @@ def _weighted_draws(kind: Node, runs: int, stream: np.random.Generator) -> list[
     return list((low + stream.uniform(size=runs) * (high - low)).tolist())
 
 
-def _unbounded_draws(kind: Node, runs: int, stream: np.random.Generator) -> FloatArray:
+def _unbounded_draws(kind: Node, runs: int, stream: Generator) -> FloatArray:
     """Values (runs,) of a normal, log-normal or Poisson distribution, whatever its Range."""
     normal, variance = kind.tag == "NormalDistribution", kind.not_negative("variance", 0.0)
     mean = kind.number("expectedValue") if normal else kind.above_zero("expectedValue")

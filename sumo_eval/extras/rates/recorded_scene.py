@@ -17,8 +17,8 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-import pandas as pd
 import tomli_w
+from pandas import DataFrame
 
 from sumo_eval.drivers.recorded.recordings import INTERVAL, STANDARD_LANE, Recordings
 from sumo_eval.errors import InputError, check_known, must_be
@@ -162,7 +162,7 @@ def write_scene(
     return WrittenScene(len(actors), dict(sorted(left_out.items())), continued, error, clock[-1])
 
 
-def _of_recording(table: pd.DataFrame, recording: str | None, ego: str) -> pd.DataFrame:
+def _of_recording(table: DataFrame, recording: str | None, ego: str) -> DataFrame:
     """The rows of a recording; None: of the only one that the ego is in.
 
     table: rows of all recordings.
@@ -178,11 +178,11 @@ def _of_recording(table: pd.DataFrame, recording: str | None, ego: str) -> pd.Da
             f"`recording` must name one recording: vehicle `{ego}` is in {len(names)}, "
             f"{', '.join(names[:8])}."
         )
-    rows: pd.DataFrame = table[table["recording"] == names[0]]
+    rows: DataFrame = table[table["recording"] == names[0]]
     return rows
 
 
-def _span_of(own: pd.DataFrame, span: tuple[float | None, float | None]) -> tuple[float, float]:
+def _span_of(own: DataFrame, span: tuple[float | None, float | None]) -> tuple[float, float]:
     """Start and end of the scene, s of the recording.
 
     own: the ego's rows.
@@ -201,7 +201,7 @@ def _span_of(own: pd.DataFrame, span: tuple[float | None, float | None]) -> tupl
 
 
 def _recorded_tracks(
-    table: pd.DataFrame, ego: str, first: float, last: float
+    table: DataFrame, ego: str, first: float, last: float
 ) -> tuple[_Track, list[_Track], tuple[float, int]]:
     """Track of the ego; tracks of all other vehicles; width, m, and number of lanes.
 
@@ -253,7 +253,7 @@ def _actors_of(tracks: list[_Track], ego: _Track) -> tuple[list[_Track], int, Co
     return actors, continued, left_out
 
 
-def _lanes(rows: pd.DataFrame) -> tuple[float, tuple[float, int]]:
+def _lanes(rows: DataFrame) -> tuple[float, tuple[float, int]]:
     """y of the right-most lane with a vehicle, m; width, m, and number of lanes."""
     middles = np.sort(rows.groupby("lane")["y"].median().to_numpy())
     gaps = lane_gaps(middles)
@@ -261,7 +261,7 @@ def _lanes(rows: pd.DataFrame) -> tuple[float, tuple[float, int]]:
     return middles[0], (width, round((middles[-1] - middles[0]) / width) + 1)
 
 
-def _track(rows: pd.DataFrame, first: float, lowest: float) -> _Track:
+def _track(rows: DataFrame, first: float, lowest: float) -> _Track:
     """The track of a vehicle's rows.
 
     first: start of the scene, s of the recording.

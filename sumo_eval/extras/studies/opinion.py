@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-import pandas as pd
+from pandas import DataFrame
 
 from sumo_eval.cli.sentences import aligned
 from sumo_eval.drivers.recorded.importers.tables import checked_numbers, line_of_row, read_table
@@ -59,7 +59,7 @@ class Opinion(NamedTuple):
     concordance: Agreement | None
 
 
-def read_ratings(path: Path) -> pd.DataFrame:
+def read_ratings(path: Path) -> DataFrame:
     """Ratings from a CSV file with the columns rater, ads, scenario and score (1-10).
 
     Raises InputError that names the file and the first wrong row.
@@ -80,7 +80,7 @@ def read_ratings(path: Path) -> pd.DataFrame:
     return table
 
 
-def compare_opinion(evaluation: Evaluation, ratings: pd.DataFrame) -> Opinion:
+def compare_opinion(evaluation: Evaluation, ratings: DataFrame) -> Opinion:
     """Compare ratings, as `read_ratings` gives them, with the scores of a run.
 
     Raises InputError for an ADS in a scenario that the run has no score of.

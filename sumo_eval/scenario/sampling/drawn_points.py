@@ -14,6 +14,7 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
+from numpy.random import Generator
 
 from sumo_eval.errors import InputError, must_be
 from sumo_eval.scenario.logical import LogicalScenario
@@ -78,7 +79,7 @@ def by_exposure_and_danger(logical: LogicalScenario, request: Request) -> Drawn:
     )
 
 
-def evenly(logical: LogicalScenario, count: int, stream: np.random.Generator) -> FloatArray:
+def evenly(logical: LogicalScenario, count: int, stream: Generator) -> FloatArray:
     """The first `count` points (n, k) of a scrambled Sobol sequence over the box."""
     return logical.from_shares(_sobol(len(logical.names), count, stream))
 
@@ -138,9 +139,7 @@ def _candidates(logical: LogicalScenario, shares: FloatArray) -> tuple[FloatArra
     return points, density
 
 
-def _systematic(
-    weight: FloatArray, count: int, stream: np.random.Generator
-) -> tuple[IntArray, IntArray]:
+def _systematic(weight: FloatArray, count: int, stream: Generator) -> tuple[IntArray, IntArray]:
     """Systematic sampling: numbers of the drawn candidates, each once, and how often each is drawn.
 
     The weights are laid end to end on a line of length 1. `count` picks at equal distances each
@@ -165,7 +164,7 @@ def _fewer(different: int, request: Request) -> tuple[str, ...]:
     )
 
 
-def _sobol(k: int, count: int, stream: np.random.Generator) -> FloatArray:
+def _sobol(k: int, count: int, stream: Generator) -> FloatArray:
     """The first points (count, k) of a scrambled Sobol sequence, which is drawn up to the next
     power of 2, where it is even.
     """

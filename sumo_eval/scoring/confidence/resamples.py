@@ -21,6 +21,7 @@ from functools import partial
 from typing import Any, NamedTuple, Self
 
 import numpy as np
+from numpy.random import Generator
 
 from sumo_eval.settings.random_streams import random_stream
 from sumo_eval.trajectory import FloatArray, IntArray
@@ -130,7 +131,7 @@ def same_sizes(groups: Strata) -> list[tuple[int, IntArray]]:
     ]
 
 
-def draw_counts(groups: Strata, replicates: int, stream: np.random.Generator) -> FloatArray:
+def draw_counts(groups: Strata, replicates: int, stream: Generator) -> FloatArray:
     """Number of times that each point occurs in each replicate, (m, n).
 
     replicates: m.
@@ -147,9 +148,7 @@ def draw_counts(groups: Strata, replicates: int, stream: np.random.Generator) ->
     return counts
 
 
-def _multinomial(
-    size: int, shape: tuple[int, int], stream: np.random.Generator
-) -> IntArray | FloatArray:
+def _multinomial(size: int, shape: tuple[int, int], stream: Generator) -> IntArray | FloatArray:
     """Number of times that each of `size` points occurs among size - 1 draws, (*shape, size).
 
     shape: replicates, lists.
@@ -298,7 +297,7 @@ def _draws(
     # larger
     longest = max(AT_ONCE // replicates, 1)
 
-    def stream() -> np.random.Generator:
+    def stream() -> Generator:
         """The random stream of the next block."""
         return random_stream(seed, *name, *([number] if number else []))
 
