@@ -7,14 +7,14 @@ import click
 
 from sumo_eval.cli import out_folder
 from sumo_eval.cli.exit_status import DONE, GATE_FAILED
+from sumo_eval.cli.options import path_option
 from sumo_eval.cli.progress import Progress
 from sumo_eval.cli.sentences import say
 
 
 @click.command(epilog="Example: sumo-eval qualify --out qualification")
-@click.option(
-    "--out", type=click.Path(path_type=Path, file_okay=False), default=Path("qualification"),
-    show_default=True,
+@path_option(
+    "--out", default=Path("qualification"), show_default=True,
     help="Folder for qualification.html and qualification.json.",
 )  # fmt: skip
 def qualify(out: Path) -> None:
