@@ -51,7 +51,8 @@ def described(read: Read) -> Iterator[str]:
             f"  this is road {read.road + 1} of {len(read.roads)} ({', '.join(read.roads)}); "
             "`?road=2` names another"
         )
-    points, playing, words, reasons = _tried(read)
+    points = list(concrete_points(read, _MOST))
+    playing, words, reasons = _counted(read, points)
     yield f"  {words}"
     for why, count in list(reasons.items())[:_SHOWN]:
         yield f"  {count} do not: {why}"
@@ -93,7 +94,8 @@ def listed(name: str, paths: Sequence[Path]) -> Iterator[str]:
             continue
         files += 1
         for read in reads:
-            points, count, words, reasons = _tried(read)
+            points = list(concrete_points(read, _MOST))
+            count, words, reasons = _counted(read, points)
             tried += len(points)
             playing += count
             why = "; ".join(f"{it} {why}" for why, it in [*reasons.items()][:_SHOWN])
@@ -101,18 +103,15 @@ def listed(name: str, paths: Sequence[Path]) -> Iterator[str]:
     yield f"{name}: {files} of {len(paths)} files play, {playing} of {tried} points tried"
 
 
-def _tried(read: Read) -> tuple[Points, int, str, dict[str, int]]:
-    """The points that are tried, the number of those that play, words for it, and reason -> number
-    of those that do not.
-    """
-    points = list(concrete_points(read, _MOST))
+def _counted(read: Read, points: Points) -> tuple[int, str, dict[str, int]]:
+    """Number of the points that play, words for it, and reason -> number of those that do not."""
     # `= ` is before a reason that the file intends, see `logical.refusal`
     reasons = Counter(why.removeprefix("= ") for _, why in points if why is not None)
     playing = len(points) - reasons.total()
     words = f"{playing} of {len(points)} points play"
     if len(points) < read.space.size:
         words += f" that were tried along each axis, of {read.space.size}"
-    return points, playing, words, dict(reasons)
+    return playing, words, dict(reasons)
 
 
 def _of(actor: Actor) -> Iterator[str]:
