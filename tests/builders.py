@@ -20,7 +20,7 @@ from sumo_eval.trajectory import Clip, Collision, Latency, Recording, Trajectory
 
 CALM = "calm"
 HOSTILE = '</script><img src=x onerror="alert(1)"> [red]"&\u2028'
-SCENARIOS = ("front_vehicle_low_speed", "front_vehicle_cut_out")
+LOW_SPEED, CUT_OUT = SCENARIOS = ("front_vehicle_low_speed", "front_vehicle_cut_out")
 DRIVERS = 3
 ERROR = "RuntimeError: </script><b>lost the lane</b>"
 
@@ -70,8 +70,8 @@ def evaluation(folder, partitions):
                     zones=partitions[name].zones,
                     hazardous_share=float(np.mean(hazardous)),
                     most_dangerous=partitions[name].most_dangerous,
-                    boundary_error=0.0123 * (name == SCENARIOS[1]),
-                    boundary_error_box=0.0234 * (name == SCENARIOS[1]),
+                    boundary_error=0.0123 * (name == CUT_OUT),
+                    boundary_error_box=0.0234 * (name == CUT_OUT),
                     sampled=len(points.points),
                     refused=len(points.refused),
                     notes=partitions[name].notes,
@@ -101,7 +101,7 @@ def _record_drivers(store, number, concrete):
 
 def _case(store, number, concrete, zone, ads):
     """Record a case and say what came of it."""
-    cut_out, safe = concrete.scenario == SCENARIOS[1], zone == "safe"
+    cut_out, safe = concrete.scenario == CUT_OUT, zone == "safe"
     hits = ads == HOSTILE and cut_out and number % 5 == 0 if safe else number % 2 == 0
     status = "collision" if hits else "ok"
     if not cut_out and number == 1:

@@ -6,6 +6,7 @@ from itertools import product
 import builders
 import numpy as np
 import pytest
+from builders import SCENARIOS
 
 from sumo_eval.case_table import CaseTable, point_numbers
 from sumo_eval.cases import ThinReference
@@ -22,7 +23,7 @@ FLAGS = ("evaluated", "avoidable", "unavoidable", "caused", "voids_index", "coun
 def rows(tmp_path_factory):
     """Every combination of what the rules look at, of one scenario and ADS; a text in some rows
     alone."""
-    spaces = {name: partition(catalogue.load(name)) for name in builders.SCENARIOS}
+    spaces = {name: partition(catalogue.load(name)) for name in SCENARIOS}
     row = builders.evaluation(tmp_path_factory.mktemp("rows") / "hand", spaces).cases[0]
     every = product(
         ("safe", "hazardous"), (False, True), (False, True), (None, 0.0, 3.0), (None, 0.0, 3.0),

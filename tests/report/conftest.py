@@ -1,5 +1,6 @@
 import builders
 import pytest
+from builders import SCENARIOS
 
 from sumo_eval.method.zone_partition import partition
 from sumo_eval.report.html import write_report
@@ -8,7 +9,7 @@ from sumo_eval.scenario import catalogue
 
 @pytest.fixture(scope="session")
 def partitions():
-    return {name: partition(catalogue.load(name)) for name in builders.SCENARIOS}
+    return {name: partition(catalogue.load(name)) for name in SCENARIOS}
 
 
 @pytest.fixture(scope="session")

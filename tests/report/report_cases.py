@@ -5,6 +5,7 @@ import tomllib
 from dataclasses import replace
 
 import builders
+from builders import CALM
 
 from sumo_eval.nightly.history import Night
 from sumo_eval.scoring.findings import Findings
@@ -23,16 +24,14 @@ def with_case(evaluation, case, **values):
 
 def calm(evaluation, **values):
     """A run in which every case of `calm` that ended well has these values."""
-    return every(evaluation, lambda it: it.ads == builders.CALM and it.status == "ok", **values)
+    return every(evaluation, lambda it: it.ads == CALM and it.status == "ok", **values)
 
 
 def pick(evaluation, *, collided, zone="hazardous"):
     return next(
         case
         for case in evaluation.cases
-        if case.ads == builders.CALM
-        and case.evaluated
-        and (case.collided, case.zone) == (collided, zone)
+        if case.ads == CALM and case.evaluated and (case.collided, case.zone) == (collided, zone)
     )
 
 

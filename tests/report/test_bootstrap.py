@@ -3,9 +3,9 @@ them, subtract."""
 
 from dataclasses import replace
 
-import builders
 import numpy as np
 import pytest
+from builders import CALM, CUT_OUT
 from scipy.stats import norm, t
 from scoring.confidence.scored_by_hand import terms_of
 
@@ -28,7 +28,7 @@ def differences(before, after, replicates, seed):
 def cut_out(evaluation):
     """Cases with collisions of different weight and ideal severity, and with D_i of different
     exposure."""
-    cases = evaluation.cases_of(builders.CALM, builders.SCENARIOS[1])
+    cases = evaluation.cases_of(CALM, CUT_OUT)
     return [replace(case, exposure=1.0 + 0.1 * number) for number, case in enumerate(cases)]
 
 

@@ -3,8 +3,8 @@ silence."""
 
 from dataclasses import replace
 
-import builders
 import pytest
+from builders import CALM, HOSTILE
 from refusals import refusal
 from report_cases import HIT, pick, with_case, with_settings
 
@@ -159,15 +159,15 @@ def test_a_case_in_one_run_only_is_counted_and_said(evaluation):
 
 def test_an_ads_without_a_partner_is_said_and_a_pair_can_be_named(evaluation):
     scores, cases = (
-        tuple(replace(it, ads="new") if it.ads == builders.CALM else it for it in items)
+        tuple(replace(it, ads="new") if it.ads == CALM else it for it in items)
         for items in (evaluation.scores, evaluation.cases)
     )
     renamed = replace(evaluation, scores=scores, cases=cases)
     comparison = compare(evaluation, renamed, GATE)
-    assert {one.ads for one in comparison.ads} == {builders.HOSTILE}
+    assert {one.ads for one in comparison.ads} == {HOSTILE}
     assert any("`new` is not in the base" in note for note in comparison_notes(comparison))
-    paired = compare(evaluation, renamed, GATE, pairs={builders.CALM: "new"})
-    assert {(one.base_ads, one.ads) for one in paired.ads} >= {(builders.CALM, "new")}
+    paired = compare(evaluation, renamed, GATE, pairs={CALM: "new"})
+    assert {(one.base_ads, one.ads) for one in paired.ads} >= {(CALM, "new")}
     with refusal(r"Unknown ADS `calmer`\. Did you mean `calm`"):
         compare(evaluation, renamed, GATE, pairs={"calmer": "new"})
 
@@ -209,7 +209,7 @@ def test_what_could_change_a_score_by_itself_is_refused_unless_accepted(evaluati
 
 def test_another_controller_or_another_version_of_numpy_is_shown_and_not_refused(evaluation):
     versions = {**evaluation.manifest["versions"], "numpy": "3.0"}
-    ads = (AdsSettings(builders.CALM, "lane_changer"), *evaluation.settings.ads[1:])
+    ads = (AdsSettings(CALM, "lane_changer"), *evaluation.settings.ads[1:])
     other = replace(
         with_settings(evaluation, ads=ads), manifest={**evaluation.manifest, "versions": versions}
     )

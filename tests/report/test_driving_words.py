@@ -5,9 +5,9 @@ import re
 from dataclasses import replace
 from types import SimpleNamespace
 
-import builders
 import numpy as np
 import pytest
+from builders import LOW_SPEED
 from scipy.integrate import cumulative_trapezoid
 
 from sumo_eval import Trajectory
@@ -36,9 +36,7 @@ def drive(speeds, seconds=10.0, x=50.0, y=0.0):
 @pytest.fixture
 def case(evaluation):
     safe = next(one for one in evaluation.cases if one.zone == "safe" and not one.incident)
-    return replace(
-        safe, scenario=builders.SCENARIOS[0], values={"ego_speed": 20.0, "lead_speed": 5.0}, **FINE
-    )
+    return replace(safe, scenario=LOW_SPEED, values={"ego_speed": 20.0, "lead_speed": 5.0}, **FINE)
 
 
 def scene(case, ego, *drivers, **actors):

@@ -6,8 +6,8 @@ import math
 import re
 from dataclasses import replace
 
-import builders
 import pytest
+from builders import CALM, CUT_OUT, LOW_SPEED
 from refusals import refused
 from report_cases import HIT, every, pick, with_case, with_scores
 from tables import rows_of, values_of
@@ -93,7 +93,7 @@ def test_limits_are_absolute_relative_or_of_the_value_itself(evaluation):
     for case in evaluation.cases:
         if case.index is not None:
             lower = with_case(lower, case, index=case.index - 0.05)
-    share = 100.0 * 0.05 / evaluation.score(builders.CALM, builders.SCENARIOS[0]).d
+    share = 100.0 * 0.05 / evaluation.score(CALM, LOW_SPEED).d
     for limit, passes in (
         (LimitSettings("D", worse_by=0.0501), True),
         (LimitSettings("D", worse_by=0.0499), False),
@@ -101,7 +101,7 @@ def test_limits_are_absolute_relative_or_of_the_value_itself(evaluation):
         (LimitSettings("D", worse_by_percent=0.999 * share), False),
         (LimitSettings("D", worse_by=0.0, only_if_certain=True), False),
     ):
-        one = replace(limit, ads=builders.CALM, scenario=builders.SCENARIOS[0])
+        one = replace(limit, ads=CALM, scenario=LOW_SPEED)
         (result,) = judged(evaluation, lower, one)
         assert result.passed is passes, limit
 
@@ -109,7 +109,7 @@ def test_limits_are_absolute_relative_or_of_the_value_itself(evaluation):
 def test_each_bound_is_a_limit_of_its_own(evaluation):
     bounds = ({"worse_by": 1.0}, {"worse_by": 2.0}, {"worse_by_percent": 1.0}, {"at_least": 0.1})
     for quantity in ("D", "min_gap"):
-        one = {"ads": builders.CALM, "scenario": builders.SCENARIOS[0]}
+        one = {"ads": CALM, "scenario": LOW_SPEED}
         limits = [LimitSettings(quantity, **one, **bound) for bound in bounds]
         results = judged(evaluation, evaluation, *limits)
         assert len({result.name for result in results}) == 4
@@ -151,7 +151,7 @@ def test_a_column_gets_worse_in_its_own_direction(evaluation, column, worse):
 def test_an_uncertain_change_is_excused_only_by_its_limit(evaluation):
     case = pick(evaluation, collided=False, zone="safe")
     other = with_case(evaluation, case, index=0.0)
-    where = {"ads": builders.CALM, "scenario": case.scenario}
+    where = {"ads": CALM, "scenario": case.scenario}
     (strict,) = judged(evaluation, other, LimitSettings("D", worse_by=0.0, **where))
     (lenient,) = judged(
         evaluation, other, LimitSettings("D", worse_by=0.0, only_if_certain=True, **where)
@@ -180,7 +180,7 @@ def test_why_a_score_is_not_computed_any_more(evaluation, quantity, lost, why):
 @pytest.mark.parametrize("most, end", [(5, ")"), (3, " and 2 others")])
 def test_a_limit_names_some_of_its_cases_and_counts_others(evaluation, most, end, monkeypatch):
     monkeypatch.setattr(gates, "MOST_NAMED", most)
-    cases = evaluation.cases_of(builders.CALM, builders.SCENARIOS[0])
+    cases = evaluation.cases_of(CALM, LOW_SPEED)
     free = [case for case in cases if case.evaluated and not case.collided]
     new = evaluation
     for case in free[:5]:
@@ -288,7 +288,7 @@ caused_collisions | caused_collisions
 def test_the_scores_that_order_can_be_limited_by_value(evaluation, quantity, field):
     """The bound is the value itself, which holds; the same bound with another value in the run does
     not."""
-    score = evaluation.score(builders.CALM, builders.SCENARIOS[1])
+    score = evaluation.score(CALM, CUT_OUT)
     value = float(getattr(score, field))
     best = quantity in HIGHER_IS_BETTER
     bound = {"at_least": value} if best else {"at_most": value}
@@ -309,9 +309,7 @@ def test_worse_by_has_a_tolerance_of_its_own(evaluation, by, tolerance, passes):
     """A regret of 0 that rises by the last digit of 1 fails no limit, though any share of 0 is
     0."""
     still, lower = (every(evaluation, index=value) for value in (0.5, 0.5 - by))
-    limit = LimitSettings(
-        "D", ads=builders.CALM, scenario=builders.SCENARIOS[0], worse_by=0.0, tolerance=tolerance
-    )
+    limit = LimitSettings("D", ads=CALM, scenario=LOW_SPEED, worse_by=0.0, tolerance=tolerance)
     (result,) = judged(still, lower, limit)
     assert result.passed is passes
     rounded = replace(limit, worse_by=None, at_least=0.5)

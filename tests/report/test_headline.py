@@ -5,10 +5,10 @@ import tomllib
 from dataclasses import replace
 from urllib.parse import unquote
 
-import builders
 import numpy as np
 import pytest
 import report_cases
+from builders import CALM, CUT_OUT, HOSTILE, LOW_SPEED
 
 from sumo_eval.case_table import CaseTable
 from sumo_eval.report.headline import headline, safety_words
@@ -22,7 +22,7 @@ from sumo_eval.scoring.findings import findings_of
 from sumo_eval.scoring.ledger import ledger_plus
 from sumo_eval.scoring.quantities import combine
 
-NAME = builders.SCENARIOS[1]
+NAME = CUT_OUT
 UNRANKED = Ranking({}, 0.95, (), ())
 
 
@@ -37,12 +37,12 @@ def of_one_scenario(evaluation, cases):
 
 
 def safety(run):
-    return safety_words(run, behaviour_of(run, builders.CALM))
+    return safety_words(run, behaviour_of(run, CALM))
 
 
 def clean(evaluation, ads, number=4):
     """So many safe cases of an ADS without an incident, at points of their own."""
-    own = [case for case in evaluation.cases if case.ads == builders.CALM]
+    own = [case for case in evaluation.cases if case.ads == CALM]
     model = next(case for case in own if case.zone == "safe" and not case.incident)
     parameter = next(iter(model.values))
     return [
@@ -68,20 +68,20 @@ ALARMS = {
 
 @pytest.mark.parametrize("words", ALARMS)
 def test_each_alarm_is_raised_by_one_case(evaluation, words):
-    first, *rest = clean(evaluation, builders.CALM)
+    first, *rest = clean(evaluation, CALM)
     assert headline(of_one_scenario(evaluation, [first, *rest])).alarms == ()
     odd = headline(of_one_scenario(evaluation, [replace(first, **ALARMS[words]), *rest]))
     ((ads, said),) = odd.alarms
-    assert ads == builders.CALM
+    assert ads == CALM
     assert words in said
 
 
 def test_alarm_of_what_no_recorded_person_does_in_most_cases(evaluation):
     for number, alarmed in ((2, False), (3, True)):
-        first, rest = clean(evaluation, builders.CALM)[:number], clean(evaluation, builders.CALM)
+        first, rest = clean(evaluation, CALM)[:number], clean(evaluation, CALM)
         odd = [replace(case, plausibility=0.0) for case in first] + rest[number:]
         alarms = headline(of_one_scenario(evaluation, odd)).alarms
-        assert alarms == ((builders.CALM, "unlike any recorded person in 3 safe cases"),) * alarmed
+        assert alarms == ((CALM, "unlike any recorded person in 3 safe cases"),) * alarmed
 
 
 def test_alarm_and_ledger_count_the_same_standing_cases(evaluation):
@@ -89,30 +89,28 @@ def test_alarm_and_ledger_count_the_same_standing_cases(evaluation):
     shares = (0.4, 0.9, 0.995, 1.0)
     stands = [
         replace(case, task_share=share, end_reason="standstill")
-        for case, share in zip(clean(evaluation, builders.CALM), shares, strict=True)
+        for case, share in zip(clean(evaluation, CALM), shares, strict=True)
     ]
     odd = of_one_scenario(evaluation, stands)
     (found,) = findings_of(odd)
     lines = {line.cause: line.cases for line in ledger_plus(found).lines}
-    assert (
-        lines["stands where the references drive"] == behaviour_of(odd, builders.CALM).stands == 2
-    )
+    assert lines["stands where the references drive"] == behaviour_of(odd, CALM).stands == 2
 
 
 def test_safety_in_a_test_engineers_words(evaluation):
     """One hit of 12 m/s = 43 km/h in 4 cases: mean excess 3 m/s, 50 / 3.6 / 3 = 4.6 cases a
     contact."""
-    first, *rest = clean(evaluation, builders.CALM)
+    first, *rest = clean(evaluation, CALM)
     one = of_one_scenario(evaluation, [replace(first, **HIT), *rest])
     assert safety(one) == (
         "1 avoidable collision in 4 cases, worst 43 km/h; "
         "as much excess impact speed as one 50 km/h contact every 5 cases of this grid"
     )
     # a scenario without an evaluated case takes nothing from it
-    lost = replace(first, scenario=builders.SCENARIOS[0], status="sim_error")
+    lost = replace(first, scenario=LOW_SPEED, status="sim_error")
     scores = (*one.scores, replace(one.scores[0], scenario=lost.scenario))
     both = replace(one, scores=scores, cases=(*one.cases, lost))
-    assert behaviour_of(both, builders.CALM).excess == 3.0
+    assert behaviour_of(both, CALM).excess == 3.0
     # the ideal vehicle hits as well, by 6 m/s
     softer = {"ideal_severity": 6.0, "ideal_collided": True}
     harder = of_one_scenario(evaluation, [replace(first, **HIT | softer), *rest])
@@ -133,22 +131,20 @@ def test_safety_in_a_test_engineers_words(evaluation):
 @pytest.mark.parametrize("hits, words", [(5, "Not told apart"), (6, "Told apart")])
 def test_sign_test_tells_the_safest_apart(evaluation, hits, words):
     """2 x 0.5^5 = 0.063 is chance, 2 x 0.5^6 = 0.031 is not."""
-    calm, hostile = (clean(evaluation, ads, 8) for ads in (builders.CALM, builders.HOSTILE))
+    calm, hostile = (clean(evaluation, ads, 8) for ads in (CALM, HOSTILE))
     hostile = [replace(case, **HIT) if place < hits else case for place, case in enumerate(hostile)]
     both = of_one_scenario(evaluation, [*calm, *hostile])
-    assert harm_beside(both, builders.CALM, builders.HOSTILE) == (hits, 0, 8)
+    assert harm_beside(both, CALM, HOSTILE) == (hits, 0, 8)
     worse = tuple(
-        replace(one, avoidance_grade=1.0 if one.ads == builders.CALM else 0.5, s_plus=None)
+        replace(one, avoidance_grade=1.0 if one.ads == CALM else 0.5, s_plus=None)
         for one in both.scores
     )
     answer = dict(headline(replace(both, scores=worse, ranking=UNRANKED)).answers)["Safest"]
-    assert answer.startswith(
-        f"{builders.CALM} with no avoidable collision in 8 cases. {words} from"
-    )
+    assert answer.startswith(f"{CALM} with no avoidable collision in 8 cases. {words} from")
 
 
 def test_the_best_is_distinguished_or_not(evaluation):
-    first, second = builders.CALM, builders.HOSTILE
+    first, second = CALM, HOSTILE
     for apart, words in ((True, "Told apart from"), (False, "Not told apart from")):
         ads = (
             RankedAds(first, 1, 60.0, (55.0, 66.0)),
@@ -177,7 +173,7 @@ def test_the_best_is_distinguished_or_not(evaluation):
     ],
 )  # fmt: skip
 def test_an_answer_compares_those_who_have_its_score(evaluation, field, place, none, one):
-    names = builders.CALM, builders.HOSTILE
+    names = CALM, HOSTILE
     unranked = Ranking({}, 0.95, tuple(RankedAds(it, None, None, None) for it in names), ())
     for those, words in ((names, none), (names[1:], one)):
         scores = (
@@ -203,7 +199,7 @@ def test_without_a_task_a_prime_stands_in_for_s_plus(evaluation):
 
 
 def test_a_departure_is_off_road_on_every_picture(evaluation):
-    first, *rest = clean(evaluation, builders.CALM)
+    first, *rest = clean(evaluation, CALM)
     gone = replace(first, **ALARMS["left the road in 1 case"])
     assert first.outcome == "no contact"
     assert gone.outcome == "off road"
@@ -222,12 +218,12 @@ def test_a_collision_without_ug_is_not_called_unavoidable(evaluation):
 
 def test_worst_case_of_the_best_ads_comes_first(evaluation):
     """The case that takes most from A; without any the least human-like one."""
-    for ads in (builders.CALM, builders.HOSTILE):
+    for ads in (CALM, HOSTILE):
         worst = worst_case(evaluation, [ads])
         assert worst.ads == ads
         assert (worst.incident_severity or 0.0) > (worst.ideal_severity or 0.0)
-    calm = [case for case in evaluation.cases if case.ads == builders.CALM and not case.incident]
-    least = worst_case(replace(evaluation, cases=tuple(calm)), [builders.CALM])
+    calm = [case for case in evaluation.cases if case.ads == CALM and not case.incident]
+    least = worst_case(replace(evaluation, cases=tuple(calm)), [CALM])
     assert least.human_likeness == min(
         case.human_likeness for case in calm if case.human_likeness is not None
     )
@@ -264,7 +260,7 @@ def test_what_to_look_at_leads_to_cases_of_the_run(evaluation):
     assert any(address == "#missing" for _, address in looks)
     late = CaseTable.of([replace(case, contact_cause="late") for case in evaluation.cases])
     words, _ = summary_content(replace(evaluation, cases=late), Additions())["looks"][0]
-    assert words.startswith(f"the collision that lowers A of {builders.CALM} most: braked ")
+    assert words.startswith(f"the collision that lowers A of {CALM} most: braked ")
 
 
 def test_failures_next_to_each_other_are_one_group_and_far_ones_another(evaluation):

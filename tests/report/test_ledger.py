@@ -3,8 +3,8 @@
 import math
 from dataclasses import replace
 
-import builders
 import pytest
+from builders import CALM, CUT_OUT, HOSTILE
 from report_cases import every, findings, with_case, with_settings
 
 from sumo_eval.case_table import CaseTable
@@ -66,7 +66,7 @@ def test_scales_and_points_of_eq_18_are_in_the_sum(evaluation):
 
 
 def test_a_missing_d_is_a_line_with_the_collisions_that_took_it(evaluation):
-    score, found = findings(evaluation, builders.HOSTILE, 1)
+    score, found = findings(evaluation, HOSTILE, 1)
     assert score.d is None
     line = line_of(ledger(found), "not computed")
     assert line.points == pytest.approx(-50.0)
@@ -74,7 +74,7 @@ def test_a_missing_d_is_a_line_with_the_collisions_that_took_it(evaluation):
 
 
 def test_what_cost_most_is_said_first(evaluation):
-    said = sentences(ledger(findings(evaluation, builders.CALM, 1)[1]))
+    said = sentences(ledger(findings(evaluation, CALM, 1)[1]))
     lost = [float(sentence.split(" lost ")[1].split(" of ")[0]) for sentence in said]
     assert lost == sorted(lost, reverse=True)
     assert any("operations factor in" in sentence for sentence in said)
@@ -82,7 +82,7 @@ def test_what_cost_most_is_said_first(evaluation):
 
 
 def test_a_case_that_gains_leaves_the_points_of_its_term(evaluation):
-    found = ledger(findings(evaluation, builders.CALM, 1)[1])
+    found = ledger(findings(evaluation, CALM, 1)[1])
     line = next(line for line in found.lines if line.term == "D" and line.entries)
     gain = replace(line, index=0.001)
     assert sentences(found._replace(lines=(*found.lines, gain))) == sentences(found)
@@ -104,14 +104,14 @@ def test_the_lines_of_s_plus_add_up_and_each_case_takes_its_part(evaluation):
 
 
 def test_a_case_given_up_costs_points_of_t(evaluation):
-    line = line_of(ledger_plus(findings(evaluation, builders.CALM, 0)[1]), "given up")
+    line = line_of(ledger_plus(findings(evaluation, CALM, 0)[1]), "given up")
     assert line.term == "T"
     assert line.entries.status.tolist() == ["crashed"]
     assert line.points < 0.0
 
 
 def test_a_case_struck_from_behind_is_a_cause_of_its_own_in_t(evaluation):
-    score, found = findings(evaluation, builders.CALM, 0)
+    score, found = findings(evaluation, CALM, 0)
     rows = list(found.cases)
     hit = next(row for row in rows if row.counts_for_index and not row.incident)
     struck = replace(hit, struck_from_behind=True, task_share=0.0)
@@ -129,7 +129,7 @@ def test_a_case_struck_from_behind_is_a_cause_of_its_own_in_t(evaluation):
 
 def test_an_a_below_zero_is_shown_and_taken_as_zero(evaluation):
     """`calm` hits at 40 m/s wherever it hits: worse than doing nothing, which hits at 12."""
-    names = builders.CALM, builders.SCENARIOS[1]
+    names = CALM, CUT_OUT
     worse = every(evaluation, lambda case: case.collided and case.ads == names[0], severity=40.0)
     score = combine(*names, list(worse.cases_of(*names)), worse.settings.method)
     assert score.avoided_share < 0.0
@@ -140,7 +140,7 @@ def test_an_a_below_zero_is_shown_and_taken_as_zero(evaluation):
 
 
 def test_a_collision_that_doing_nothing_avoids_is_called_caused(evaluation):
-    score, found = findings(evaluation, builders.HOSTILE, 1)
+    score, found = findings(evaluation, HOSTILE, 1)
     struck = [case for case in found.cases if case.avoidable and case.no_reaction_severity == 0.0]
     assert score.caused_collisions == len(struck) > 0
     assert score.collisions == score.avoidable_collisions + score.unavoidable_collisions
@@ -150,7 +150,7 @@ def test_a_collision_that_doing_nothing_avoids_is_called_caused(evaluation):
 
 
 def test_a_collision_that_costs_a_little_counts_in_a_as_in_c(evaluation):
-    score, found = findings(evaluation, builders.HOSTILE, 1)
+    score, found = findings(evaluation, HOSTILE, 1)
     case = next(it for it in found.cases if it.unavoidable)
     little = with_case(evaluation, case, severity=case.ideal_severity + 1e-3)
     found = Findings.of(little, score)
@@ -160,7 +160,7 @@ def test_a_collision_that_costs_a_little_counts_in_a_as_in_c(evaluation):
 
 
 def test_a_safe_case_with_an_avoidable_collision_costs_its_whole_share_of_h(evaluation):
-    _, found = findings(evaluation, builders.HOSTILE, 1)
+    _, found = findings(evaluation, HOSTILE, 1)
     line = line_of(ledger_plus(found), "incident in a safe case")
     counted = [case for case in found.cases if case.human_likeness is not None]
     hits = [case for case in counted if case.collided]

@@ -10,10 +10,10 @@ from dataclasses import replace
 from datetime import UTC, datetime
 from types import SimpleNamespace
 
-import builders
 import junitparser
 import pytest
 import report_cases
+from builders import CALM, LOW_SPEED
 from laid import read_json
 from refusals import refusal
 from report_cases import calm as with_calm
@@ -51,7 +51,7 @@ night = functools.partial(report_cases.night, verdict="WORSE than *yesterday*")
 
 
 def built(evaluation, build):
-    return replace(evaluation, manifest={**evaluation.manifest, "builds": {builders.CALM: build}})
+    return replace(evaluation, manifest={**evaluation.manifest, "builds": {CALM: build}})
 
 
 def calm(evaluation, gap):
@@ -72,7 +72,7 @@ def judged(evaluation):
     comparison = compare(base, new, SETTINGS)
     bases = Bases(night(FIRST), None, comparison, None, (), unusable=False)
     gates = judge(new, comparison, SETTINGS)
-    return Judgement(bases, gates, Noise(), frozenset(), {builders.CALM: "def"})
+    return Judgement(bases, gates, Noise(), frozenset(), {CALM: "def"})
 
 
 @pytest.fixture
@@ -91,13 +91,13 @@ def test_summary_and_chat_say_what_failed_and_since_when(judged, folder):
     summary = (folder / "summary.md").read_text()
     chat = read_json(folder.parents[1] / "chat.json")["text"]
     assert summary.startswith("## WORSE than \\*yesterday\\*\n")
-    assert f"- **{builders.CALM}** in {gate.scenario} (new): smallest gap ahead: 1 worse" in summary
+    assert f"- **{CALM}** in {gate.scenario} (new): smallest gap ahead: 1 worse" in summary
     assert f"`{case}`: " in summary
     assert f"--only {case}`" in summary
-    assert f"build of {builders.CALM}: abc in the base, def in the new run" in summary
+    assert f"build of {CALM}: abc in the base, def in the new run" in summary
     assert "smallest gap ahead: 1 worse, 0 better" in chat
     assert f"{case}: 0.92 m -> 0.32 m" in chat
-    assert f"differs: build of {builders.CALM}: abc in the base, def in the new run" in chat
+    assert f"differs: build of {CALM}: abc in the base, def in the new run" in chat
 
 
 def test_a_name_with_backticks_is_code_of_the_summary():
@@ -113,7 +113,7 @@ def test_night_json_names_case_and_ways_to_it(folder):
     assert case["replay"] == f"sumo-eval replay {folder} {case['case']}"
     assert case["run"] == f"sumo-eval run {folder} --only {case['case']}"
     assert case["link"] == f"report.html#case:{case['case']}"
-    assert told["builds"] == {builders.CALM: "def"}
+    assert told["builds"] == {CALM: "def"}
 
 
 def test_accept_lists_the_cases_that_it_accepts(judged, folder, evaluation):
@@ -132,7 +132,7 @@ def test_accept_lists_the_cases_that_it_accepts(judged, folder, evaluation):
 @pytest.mark.parametrize("alone", [True, False])
 def test_a_limit_on_own_values_is_not_accepted(alone, judged, folder, evaluation):
     """`S` of at least 101 fails whatever the base; only a limit beside it can be accepted."""
-    limit = GateSettings(limit=(LimitSettings("S", ads=builders.CALM, at_least=101.0),))
+    limit = GateSettings(limit=(LimitSettings("S", ads=CALM, at_least=101.0),))
     own = failed(judge(evaluation, None, limit))
     gates = own if alone else (*own, *failed(judged.gates))
     since = {gate.name: Since(SECOND, 1) for gate in gates}
@@ -154,10 +154,10 @@ def test_an_annotation_is_one_line_for_github(judged):
     """GitHub decodes `:` and `,` in a title, and not in a message."""
     (gate,) = failed(judged.gates)
     (line,) = github_annotations([gate._replace(quantity="a: b, c", sentence="d: e, 5 %")])
-    assert line.startswith(f"::error title=a%3A b%2C c of {builders.CALM}::d: e, 5 %25%0A")
+    assert line.startswith(f"::error title=a%3A b%2C c of {CALM}::d: e, 5 %25%0A")
     (line,) = github_annotations(judged.gates)
     head, _, body = line.removeprefix("::").partition("::")
-    assert head == f"error title=min_gap of {builders.CALM}"
+    assert head == f"error title=min_gap of {CALM}"
     assert "\n" not in line
     assert "0.92 m -> 0.32 m" in body
 
@@ -214,15 +214,15 @@ def pin_after(history, comparison, noise=Noise()):  # noqa: B008 - frozen
 def test_lost_repeatability_fails_and_names_its_cases(evaluation):
     """All repeated in the last good night: six that differ tonight fail, 1/64 by chance; five are
     named only. After seven such nights in a row two fail, 1/64. A slower drive does not differ."""
-    line = GateLine(FIRST, builders.CALM, EVERYWHERE, "repeats", True, None, "")
-    cases = [row for row in evaluation.cases if row.ads == builders.CALM and row.max_jerk]
+    line = GateLine(FIRST, CALM, EVERYWHERE, "repeats", True, None, "")
+    cases = [row for row in evaluation.cases if row.ads == CALM and row.max_jerk]
 
     def limits(lines, number):
         other = [replace(case, max_jerk=9.0) for case in cases[:number]]
         rows = {row.case: replace(row, latency_relative=99.0) for row in other + cases[number:]}
-        repeats = Repeats(30, 0, *_differences(evaluation, builders.CALM, rows, SETTINGS))
+        repeats = Repeats(30, 0, *_differences(evaluation, CALM, rows, SETTINGS))
         history = SimpleNamespace(gates=lambda: lines)
-        noise = Noise({builders.CALM: repeats})
+        noise = Noise({CALM: repeats})
         return list(judge_repeats(noise, night(FIRST), history, SETTINGS))
 
     for lines, number in (([line], 5), ([], 6), ([line] * 6, 2), ([line._replace(passed=None)], 6)):
@@ -264,9 +264,7 @@ def test_only_a_better_night_moves_the_pin(evaluation, tmp_path):
     assert pin_after(tmp_path, better) == "paired cases only improved"
     assert pin_after(tmp_path, same) == ""
     assert pin_after(tmp_path, compare(base, nearer(base, 0.89), SETTINGS)) == ""
-    assert pin_after(tmp_path, better, Noise({builders.CALM: Repeats(30, 29)})) == "", (
-        "it would ratchet"
-    )
+    assert pin_after(tmp_path, better, Noise({CALM: Repeats(30, 29)})) == "", "it would ratchet"
 
 
 def test_an_acceptance_of_yesterday_counts_no_more(evaluation, tmp_path):
@@ -286,14 +284,12 @@ def test_the_trend_shows_departures_builds_and_acceptance(evaluation, tmp_path):
     with open_history(tmp_path) as lines:
         near = sum(one.value or 0.0 for one in lines.values() if one.quantity == "near_misses")
         page = write_trend(tmp_path, lines).read_text()
-    assert near >= sum(
-        case.ads == builders.CALM and case.status == "ok" for case in evaluation.cases
-    )
+    assert near >= sum(case.ads == CALM and case.status == "ok" for case in evaluation.cases)
     for words in (
         ">Left the road",
         ">Near misses",
         "accepted: softer brakes, until 2999-01-01",
-        f"{builders.CALM} abc",
+        f"{CALM} abc",
     ):
         assert words in page
 
@@ -312,9 +308,7 @@ def test_the_command_for_a_folder_with_a_blank_is_quoted(tmp_path):
 
 
 FUTURE, TODAY, LATER = "2999-01-01T02-00-00Z", SECOND, "2026-11-26T02-00-00Z"
-FAILED = GateResult(
-    "min_gap", builders.CALM, builders.SCENARIOS[0], False, "smallest gap: 1 nearer", 1.0, None
-)
+FAILED = GateResult("min_gap", CALM, LOW_SPEED, False, "smallest gap: 1 nearer", 1.0, None)
 
 
 def add(history, name, evaluation, *gates, imported=False):
@@ -382,7 +376,7 @@ def test_accept_keeps_what_when_and_why(evaluation, tmp_path):
     add(tmp_path, FUTURE, evaluation, imported=True)
     night, accepted, _ = accept(tmp_path, None, "softer on purpose", None)
     assert night.night == LATER
-    assert accepted == [f"{builders.CALM} in {builders.SCENARIOS[0]}: smallest gap: 1 nearer"]
+    assert accepted == [f"{CALM} in {LOW_SPEED}: smallest gap: 1 nearer"]
     with open_history(tmp_path) as lines:
         pin = pin_of(lines)
     assert (pin.night, pin.reason, pin.until, pin.itself) == (

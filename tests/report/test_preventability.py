@@ -4,8 +4,8 @@ the cases say."""
 import json
 from dataclasses import replace
 
-import builders
 import pytest
+from builders import CALM, LOW_SPEED
 from report_cases import with_settings
 
 from sumo_eval.report.tables import scores_json
@@ -13,7 +13,7 @@ from sumo_eval.report.words import LOOKS, reference_sentence
 from sumo_eval.scoring.preventability import Preventability, preventability, reference_ads, verdicts
 from sumo_eval.settings import AdsSettings, ReportSettings
 
-SCENARIO = builders.SCENARIOS[0]
+SCENARIO = LOW_SPEED
 
 
 def against(evaluation, reference):
@@ -48,7 +48,7 @@ def made(evaluation, outcomes, ideal=None):
                     ideal_collided=ideal[number] if ideal else None,
                 )
             )
-    score = evaluation.score(builders.CALM, SCENARIO)
+    score = evaluation.score(CALM, SCENARIO)
     scores = tuple(replace(score, ads=ads) for ads in outcomes)
     run = replace(evaluation, cases=tuple(cases), scores=scores)
     return with_settings(run, ads=tuple(AdsSettings(ads, ads) for ads in outcomes))
@@ -128,7 +128,7 @@ def test_scores_json_carries_the_counts_and_the_reference(evaluation):
     assert [row["preventable"] for row in plain["rows"]] == [
         row.preventable for row in preventability(evaluation)
     ]
-    assert scores_json(against(evaluation, "idm"))["preventability"]["reference"] == builders.CALM
+    assert scores_json(against(evaluation, "idm"))["preventability"]["reference"] == CALM
 
 
 def test_no_two_verdicts_look_the_same():

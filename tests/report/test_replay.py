@@ -9,6 +9,7 @@ import builders
 import numpy as np
 import pytest
 from browser import Page, needs_chromium, needs_node, node, plain
+from builders import CALM, HOSTILE
 from lxml import etree
 from packed_pages import unpacked
 from page_checks import press
@@ -102,7 +103,7 @@ PAINTED = """Promise.all([...document.querySelectorAll('canvas')].map(async (can
 
 @needs_chromium
 def test_the_replay_page_plays_in_a_browser(evaluation, tmp_path):
-    path = replay_of_collision(evaluation, tmp_path, builders.HOSTILE)
+    path = replay_of_collision(evaluation, tmp_path, HOSTILE)
     with open_store(evaluation.folder) as store:
         ego = store.trajectory(collision(evaluation).case)
     with Page(tmp_path / "profile") as page:
@@ -111,7 +112,7 @@ def test_the_replay_page_plays_in_a_browser(evaluation, tmp_path):
             "[...document.querySelectorAll('.replay-view figcaption')].map((one) => "
             "one.textContent)"
         )
-        assert names == [builders.CALM, builders.HOSTILE]
+        assert names == [CALM, HOSTILE]
         assert "contact at t = 3.04 s, 7.5 m/s" in page.run(
             "document.querySelector('.replay-reading').textContent"
         )
@@ -156,7 +157,7 @@ def share_of(page, colour, within=40):
 def test_every_camera_shows_road_and_ego_and_contact_has_its_frames(evaluation, tmp_path):
     """Asphalt is grey in every camera; the ego's blue, its bonnet from the seat; red frames at
     contact, none before."""
-    path = replay_of_collision(evaluation, tmp_path, builders.HOSTILE)
+    path = replay_of_collision(evaluation, tmp_path, HOSTILE)
     with Page(tmp_path / "profile") as page:
         page.open(path.as_uri(), "document.documentElement.dataset.replay === 'ready'")
         for camera in ("behind", "above", "seat", "free"):

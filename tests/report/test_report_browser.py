@@ -8,6 +8,7 @@ import builders
 import numpy as np
 import pytest
 from browser import Page, needs_chromium, needs_node, node, plain
+from builders import CALM, CUT_OUT, HOSTILE, SCENARIOS
 from packed_pages import unpacked, with_packed
 from page_checks import CONTRAST, WRITTEN_IN_CELLS, press, size
 from report_cases import pick
@@ -343,8 +344,8 @@ def test_a_click_on_the_map_shows_the_case(opened):
 
 @needs_chromium
 def test_the_preventability_map_shows_the_verdicts_of_the_chosen_ads(opened, evaluation):
-    for which, scenario in enumerate(builders.SCENARIOS):
-        for position, ads in enumerate((builders.CALM, builders.HOSTILE)):
+    for which, scenario in enumerate(SCENARIOS):
+        for position, ads in enumerate((CALM, HOSTILE)):
             letters = opened.run(f"""(() => {{
                 const card = document.querySelector('[data-prevented="{which}"]');
                 card.querySelectorAll('input')[{position}].click();
@@ -358,7 +359,7 @@ def test_the_preventability_map_shows_the_verdicts_of_the_chosen_ads(opened, eva
 
 @needs_chromium
 def test_the_case_panel_tells_the_criticality_measures_in_words(opened, evaluation):
-    case = [case for case in evaluation.cases if case.ads == builders.CALM and case.collided][-1]
+    case = [case for case in evaluation.cases if case.ads == CALM and case.collided][-1]
     look_at(opened, case.case)
     opened.wait(
         "document.getElementById('case-facts').textContent.includes('delta-v at "
@@ -401,7 +402,7 @@ def test_more_than_three_parameters_are_slices_to_choose(report, tmp_path):
     scenario["lattice"] = None  # that of the two parameters it had
     page = with_packed(text, "report-data", json.dumps(data))
     (tmp_path / "slices.html").write_text(page)
-    own = [case for case in scenario["cases"] if case["ads"] == builders.CALM]
+    own = [case for case in scenario["cases"] if case["ads"] == CALM]
     moved = [case for case in own if case["values"][2] == 2.0]
     card = """document.querySelector('[data-prevented="0"]')"""
     with Page(tmp_path / "profile") as opened:
@@ -435,7 +436,7 @@ def test_more_than_three_parameters_are_slices_to_choose(report, tmp_path):
 
 @needs_chromium
 def test_on_a_slice_of_ones_own_what_cannot_be_is_hatched_up_to_its_limit_and_holds_no_case(opened):
-    card = f"""document.querySelector('[data-map="{builders.SCENARIOS.index("front_vehicle_cut_out")}"]')"""
+    card = f"""document.querySelector('[data-map="{SCENARIOS.index("front_vehicle_cut_out")}"]')"""
     pick = f"""(which, value) => {{ const axis = {card}.querySelector(`[data-axis=${{which}}]`);
         axis.value = value; axis.dispatchEvent(new Event('change')); }}"""
     opened.run(f"{card}.scrollIntoView()")
@@ -473,11 +474,7 @@ def test_a_second_ads_stands_beside_the_first_and_the_filter_holds_for_both(open
     assert opened.run(f"{card}.querySelectorAll('.beside > div').length") == 2
     opened.run(f"""(() => {{ const by = {card}.querySelector('[data-by=outcome]');
         by.value = 'collision'; by.dispatchEvent(new Event('change')); }})()""")
-    hits = [
-        case
-        for case in evaluation.cases
-        if case.scenario == builders.SCENARIOS[1] and case.collided
-    ]
+    hits = [case for case in evaluation.cases if case.scenario == CUT_OUT and case.collided]
     drawn = f"""[...{card}.querySelectorAll('.plot')].flatMap((plot) => plot.data)
         .filter((trace) => ['no contact', 'collision', 'off road', 'not evaluated'].includes(trace.name))
         .flatMap((trace) => trace.x).length"""
@@ -490,7 +487,7 @@ def test_a_second_ads_stands_beside_the_first_and_the_filter_holds_for_both(open
         f"[...{card}.querySelectorAll('button')].find((one) => one.textContent === 'Clear').click()"
     )
     opened.run(clear)
-    own = [case for case in evaluation.cases if case.scenario == builders.SCENARIOS[1]]
+    own = [case for case in evaluation.cases if case.scenario == CUT_OUT]
     safe = [case for case in own if case.zone == "safe"]
     opened.run(f"""(() => {{ const by = {card}.querySelector('[data-by=zone]');
         by.value = 'safe'; by.dispatchEvent(new Event('change')); }})()""")
@@ -547,9 +544,7 @@ def test_every_chart_can_be_saved(opened):
     opened.wait("window.saved.length === 2")
     saved = opened.run("window.saved.sort()")
     assert any(text.startswith("<svg") for text in saved)
-    assert any(
-        text.startswith("series,case,x,y,value\r\n") and builders.CALM in text for text in saved
-    )
+    assert any(text.startswith("series,case,x,y,value\r\n") and CALM in text for text in saved)
     opened.run("window.saved = []; document.getElementById('plot-speed').closest('figure')"
                ".querySelector('.save').lastElementChild.click()")  # fmt: skip
     opened.wait("window.saved.length === 1")
@@ -630,7 +625,7 @@ def test_keys_alone_unfold_sections_change_the_case_and_are_seen_where_they_are(
 
 @needs_chromium
 def test_the_terms_of_c_are_the_numbers_of_the_table(opened, evaluation):
-    for which, scenario in enumerate(builders.SCENARIOS):
+    for which, scenario in enumerate(SCENARIOS):
         hits = [case for case in evaluation.cases if case.scenario == scenario and case.collided]
         if not hits:
             assert opened.run(f"document.querySelector('[data-terms=\"{which}\"]')") is None

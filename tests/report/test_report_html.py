@@ -9,9 +9,9 @@ from pathlib import Path
 from types import SimpleNamespace
 from urllib.parse import unquote
 
-import builders
 import numpy as np
 import pytest
+from builders import CALM, CUT_OUT, ERROR, HOSTILE, LOW_SPEED
 from lxml import html
 from packed_pages import unpacked
 from refusals import refusal
@@ -124,7 +124,7 @@ def test_the_ranking_has_a_section_where_there_is_one(evaluation):
 
 
 def test_d_that_was_not_computed_is_said_with_its_reason(evaluation, page):
-    score = evaluation.score(builders.HOSTILE, builders.SCENARIOS[1])
+    score = evaluation.score(HOSTILE, CUT_OUT)
     assert score.d is None
     assert f"not computed {count(score.safe_collisions, 'collision')} in the safe zone" in visible(
         page
@@ -162,9 +162,9 @@ def test_the_masthead_counts_missing_cases_beyond_those_listed(
 
 
 def test_names_and_errors_are_text_everywhere(page, tags):
-    assert builders.HOSTILE not in page
-    assert escape(builders.HOSTILE, quote=False).split("&quot;")[0][:20] in page
-    assert builders.ERROR not in page
+    assert HOSTILE not in page
+    assert escape(HOSTILE, quote=False).split("&quot;")[0][:20] in page
+    assert ERROR not in page
     assert "lost the lane" in visible(page)
     assert not [tag for tag, attributes in tags if tag == "img" or "onerror" in attributes]
     assert sum(tag == "script" for tag, _ in tags) == page.count("</script>") == 7
@@ -176,9 +176,7 @@ def test_the_data_cannot_be_read_as_markup(page):
 
 
 def test_the_data_holds_every_name_as_it_is(evaluation, data):
-    assert [scenario["ads"] for scenario in data["scenarios"]] == [
-        [builders.CALM, builders.HOSTILE]
-    ] * 2
+    assert [scenario["ads"] for scenario in data["scenarios"]] == [[CALM, HOSTILE]] * 2
     keys = [case["key"] for scenario in data["scenarios"] for case in scenario["cases"]]
     assert sorted(keys) == sorted(case.case for case in evaluation.cases)
 
@@ -241,7 +239,7 @@ def test_a_map_shows_the_two_chosen_parameters(evaluation):
     assert two.y == 0
     assert two.fixed == {}
     for axes, words in ((("gap", "p7"), "p7"), (("gap", "gap"), "two different")):
-        settings = replace(evaluation.settings.report, axes={builders.SCENARIOS[1]: axes})
+        settings = replace(evaluation.settings.report, axes={CUT_OUT: axes})
         with refusal(words):
             Resolved.of(replace(evaluation.settings, report=settings), Path())
 
@@ -298,7 +296,7 @@ def test_a_run_without_facts_is_refused(evaluation, partitions, tmp_path):
 
 
 def space(k):
-    logical = catalogue.load(builders.SCENARIOS[0])
+    logical = catalogue.load(LOW_SPEED)
     parameters = tuple(
         Parameter(f"p{index}", 0.0, 10.0, 5.0, "m", "a length") for index in range(k)
     )

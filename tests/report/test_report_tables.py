@@ -4,9 +4,9 @@ import json
 import math
 from dataclasses import asdict, replace
 
-import builders
 import pandas as pd
 import pytest
+from builders import DRIVERS
 from refusals import refusal
 
 from sumo_eval.report.notes import exposure_note_words, index_note_words, reference_note_words
@@ -69,7 +69,7 @@ def test_scores_json_is_strictly_valid_and_holds_the_scores(evaluation):
         if score.d is None
     ]
     assert without
-    assert again["drivers"] == {"source": "synthetic", "count": builders.DRIVERS}
+    assert again["drivers"] == {"source": "synthetic", "count": DRIVERS}
     assert again["not_evaluated"] == evaluation.not_evaluated == 2
 
 

@@ -6,9 +6,9 @@ from dataclasses import replace
 from pathlib import Path
 from typing import get_args
 
-import builders
 import numpy as np
 import pytest
+from builders import CALM, CUT_OUT, HOSTILE
 from report_cases import findings, with_case, with_losses
 from tables import values_of
 
@@ -26,12 +26,10 @@ from sumo_eval.scenario import catalogue
 from sumo_eval.scoring.findings import Findings, unevaluated
 from sumo_eval.settings import CollisionSettings, SamplingSettings
 
-CUT_OUT = builders.SCENARIOS[1]
-
 
 @pytest.mark.parametrize("loss", ["severity", "class"])
 def test_the_parts_of_the_collisions_add_up_to_what_c_lost(evaluation, loss):
-    _, found = findings(with_losses(evaluation, loss=loss), builders.HOSTILE, 1)
+    _, found = findings(with_losses(evaluation, loss=loss), HOSTILE, 1)
     rows, lost = found.cases, found.lost_of_c[found.collisions]
     hits = [row for row in rows if row.collided]
     c = collision_avoidance_index(
@@ -53,10 +51,10 @@ def test_without_any_weight_every_collision_counts_the_same(evaluation):
 
 
 def test_a_collision_without_a_known_ideal_is_listed_and_takes_nothing(evaluation):
-    _, found = findings(evaluation, builders.CALM, 1)
+    _, found = findings(evaluation, CALM, 1)
     first = next(row for row in found.cases if row.collided)
     odd = with_case(evaluation, first, ideal_severity=None)
-    _, found = findings(odd, builders.CALM, 1)
+    _, found = findings(odd, CALM, 1)
     last = found.collisions[-1]
     assert found.cases[last].case == first.case
     assert math.isnan(found.lost_of_c[last])
@@ -64,7 +62,7 @@ def test_a_collision_without_a_known_ideal_is_listed_and_takes_nothing(evaluatio
 
 
 def test_c_is_explained_by_counts_of_each_zone(evaluation):
-    score, found = findings(evaluation, builders.HOSTILE, 1)
+    score, found = findings(evaluation, HOSTILE, 1)
     text = explain_c(found)
     assert (
         f"{score.collisions - score.safe_collisions} of {score.hazardous_cases} hazardous cases"
@@ -76,14 +74,14 @@ def test_c_is_explained_by_counts_of_each_zone(evaluation):
 
 
 def test_no_collision_is_said_as_such(evaluation):
-    _, found = findings(evaluation, builders.CALM, 0)
+    _, found = findings(evaluation, CALM, 0)
     number = sum(row.evaluated for row in found.cases)
     sentence = f"calm did not collide in any of {number} evaluated cases, so C = 1."
     assert explain_c(found) == sentence
 
 
 def test_d_names_the_factor_that_limits_it(evaluation):
-    score, found = findings(evaluation, builders.CALM, 1)
+    score, found = findings(evaluation, CALM, 1)
     assert found.factor_means["operations"] == pytest.approx(0.5)
     text = explain_d(found)
     assert "limited most by the operations factor (mean 0.50; length 1.00" in text
@@ -91,7 +89,7 @@ def test_d_names_the_factor_that_limits_it(evaluation):
 
 
 def test_a_perfect_d_is_limited_by_nothing(evaluation):
-    score, found = findings(evaluation, builders.CALM, 1)
+    score, found = findings(evaluation, CALM, 1)
     rows = [
         replace(
             row, index=1.0, length_factor=1.0, operation_factor=1.0, similarity=1.0, index_note=()
@@ -106,7 +104,7 @@ def test_a_perfect_d_is_limited_by_nothing(evaluation):
 
 
 def test_no_d_is_a_value_with_a_reason(evaluation):
-    score, found = findings(evaluation, builders.HOSTILE, 1)
+    score, found = findings(evaluation, HOSTILE, 1)
     assert (
         explain_d(found)
         == f"D is not computed: {count(score.safe_collisions, 'collision')} in the safe zone. "
@@ -117,12 +115,10 @@ def test_no_d_is_a_value_with_a_reason(evaluation):
 
 def test_the_same_note_with_other_numbers_is_gathered(evaluation):
     notes = [
-        note
-        for note in index_notes(evaluation)
-        if (note.ads, note.scenario) == (builders.CALM, CUT_OUT)
+        note for note in index_notes(evaluation) if (note.ads, note.scenario) == (CALM, CUT_OUT)
     ]
     assert len(notes) == 1
-    numbers = [row.index_note[0].count for row in evaluation.cases if row.ads == builders.CALM
+    numbers = [row.index_note[0].count for row in evaluation.cases if row.ads == CALM
                and row.scenario == CUT_OUT and row.index_note]  # fmt: skip
     assert notes[0].cases == len(numbers)
     assert notes[0].text == (

@@ -4,9 +4,9 @@ from collections.abc import Callable
 from dataclasses import replace
 from types import SimpleNamespace
 
-import builders
 import numpy as np
 import pytest
+from builders import CALM
 from refusals import refusal
 from report_cases import HIT, calm, every, pick, with_case, with_losses
 from tables import values_of
@@ -187,7 +187,7 @@ def test_each_bad_end_alone_is_bad():
 
 def some(evaluation, number, **values):
     """A run with the first cases of `calm` that ended well changed."""
-    well = [it for it in evaluation.cases if it.ads == builders.CALM and it.status == "ok"]
+    well = [it for it in evaluation.cases if it.ads == CALM and it.status == "ok"]
     return every(evaluation, lambda case: case in well[:number], **values)
 
 
@@ -218,7 +218,7 @@ def test_more_shaky_cases_than_are_named_fail_nothing(evaluation, monkeypatch):
     monkeypatch.setattr(rule_limits, "MOST_KEYS", 1)
     new = some(evaluation, 2, **HIT)
     shaky = frozenset(case.case for case in new.cases)
-    assert not judged(evaluation, new, Noise({builders.CALM: NOISY}, shaky=shaky))
+    assert not judged(evaluation, new, Noise({CALM: NOISY}, shaky=shaky))
     (gate,) = judged(evaluation, new)
     assert gate.value == 2.0
     assert len(gate.cases) == 1
@@ -229,10 +229,10 @@ def test_a_noisy_ads_is_evaluated_by_chance_alone(evaluation):
     base = calm(evaluation, min_gap=0.92, min_ttc=9.0)
     one = some(base, 1, min_gap=0.32)
     every = calm(base, min_gap=0.32)
-    noise = Noise({builders.CALM: NOISY})
+    noise = Noise({CALM: NOISY})
     assert not judged(base, one, noise)
     assert [gate.quantity for gate in judged(base, every, noise)] == ["min_gap"]
-    assert not judged(base, every, Noise({builders.CALM: Repeats(30, 0, {"min_gap": 0.7})}))
+    assert not judged(base, every, Noise({CALM: Repeats(30, 0, {"min_gap": 0.7})}))
 
 
 def test_three_cases_far_worse_fail_and_say_how_far(evaluation):
@@ -255,7 +255,7 @@ def test_cases_with_a_value_in_one_run_are_reported(evaluation):
     base = some(calm(evaluation, min_thw=2.0), 2, min_thw=None)
     new = calm(evaluation, min_thw=2.0)
     results = judge(new, compare(base, new, SETTINGS), SETTINGS)
-    (thw,) = [it for it in results if it.ads == builders.CALM and it.quantity == "min_thw"]
+    (thw,) = [it for it in results if it.ads == CALM and it.quantity == "min_thw"]
     assert thw.sentence.endswith(", and 2 with a value in one run alone, not compared")
     with refusal("Measure `min_thw` of .shift. must have no `zone`"):
         ShiftSettings(measure=(MeasureSettings("min_thw", 0.1, zone=1.0),))
@@ -264,7 +264,7 @@ def test_cases_with_a_value_in_one_run_are_reported(evaluation):
 def test_too_few_cases_are_not_good_news(evaluation):
     base = calm(evaluation, min_gap=5.0, min_ttc=9.0)
     results = judge(base, compare(base, base, SETTINGS), SETTINGS)
-    (gap,) = [one for one in results if one.ads == builders.CALM and one.quantity == "min_gap"]
+    (gap,) = [one for one in results if one.ads == CALM and one.quantity == "min_gap"]
     assert gap.passed is None
     assert gap.sentence == "smallest gap ahead: cannot see a change with 0 cases inside 2 m"
 
@@ -341,7 +341,7 @@ def test_the_same_is_said_of_equal_bits_alone(evaluation):
 def test_the_verdict_names_the_run_that_a_limit_failed_beside(evaluation):
     """The base, the accepted night where only that comparison failed, or neither."""
     comparison = compare(evaluation, evaluation, SETTINGS)
-    failure = GateResult("min_gap", builders.CALM, EVERYWHERE, False, "nearer")
+    failure = GateResult("min_gap", CALM, EVERYWHERE, False, "nearer")
     lost = failure._replace(quantity="pairs", against="night")
     folder = evaluation.folder.name
     for gates, words in (

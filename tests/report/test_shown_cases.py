@@ -7,9 +7,9 @@ import shutil
 from dataclasses import replace
 from types import SimpleNamespace
 
-import builders
 import numpy as np
 import pytest
+from builders import CALM, CUT_OUT, HOSTILE
 from packed_pages import unpacked
 from refusals import refusal
 
@@ -101,8 +101,8 @@ def test_the_page_says_what_it_leaves_out_and_draws_where_all_cases_lie(
 
 
 def test_tiles_hold_every_case_once_and_shares_are_of_those_that_collided(evaluation, partitions):
-    name = builders.SCENARIOS[1]
-    logical, cases = partitions[name].logical, evaluation.cases_of(builders.HOSTILE, name)
+    name = CUT_OUT
+    logical, cases = partitions[name].logical, evaluation.cases_of(HOSTILE, name)
     places = {
         tuple(
             np.clip(
@@ -124,7 +124,7 @@ def test_tiles_hold_every_case_once_and_shares_are_of_those_that_collided(evalua
 
 
 def test_a_case_is_found_by_some_of_its_parameters(evaluation):
-    case = [one for one in evaluation.cases if one.ads == builders.CALM][2]
+    case = [one for one in evaluation.cases if one.ads == CALM][2]
     some = dict(list(case.values.items())[:2])
     head, first, *_ = nearest_cases(nearest(evaluation, some, case.ads, case.scenario, 3))
     assert head.startswith(f"{case.ads} in {case.scenario}, ")

@@ -3,10 +3,10 @@
 import shutil
 from dataclasses import replace
 
-import builders
 import numpy as np
 import pytest
 from browser import Page, needs_chromium
+from builders import LOW_SPEED
 from page_checks import holds_what_every_page_holds, saved_table, size
 from report_cases import HIT, pick, with_case, with_scores
 
@@ -36,7 +36,7 @@ def test_compare_points_and_a_report_without_people_hold_what_every_page_holds(
     bare = with_scores(evaluation, **blank, d_reason=nobody, h_reason=nobody)
     shutil.copy(evaluation.folder / FACTS, tmp_path)
     report = write_report(replace(bare, folder=tmp_path), partitions)
-    logical = catalogue.load(builders.SCENARIOS[0])
+    logical = catalogue.load(LOW_SPEED)
     unit = np.random.default_rng(1).uniform(size=(30, len(logical.names)))
     chosen = logical.from_unit(unit)
     _, points = write_points(

@@ -3,10 +3,10 @@ on them."""
 
 import functools
 
-import builders
 import pytest
 import report_cases
 from browser import Page, needs_chromium
+from builders import CALM, LOW_SPEED
 from page_checks import holds_what_every_page_holds, saved_table
 from record.edited_store import edit
 from refusals import refusal
@@ -31,7 +31,7 @@ night = functools.partial(report_cases.night, verdict="NO GATE <b>FAILED</b>", w
 
 @pytest.fixture
 def history(evaluation, tmp_path):
-    gate = GateResult("S", builders.CALM, builders.SCENARIOS[0], True, "S is fine", 70.0, 40.0)
+    gate = GateResult("S", CALM, LOW_SPEED, True, "S is fine", 70.0, 40.0)
     with open_history(tmp_path, create=True) as lines:
         for number in range(3):
             lines.add(night(f"2026-01-0{number + 1}T02-00-00Z", number % 2), evaluation, [gate])
@@ -103,15 +103,13 @@ def test_a_quantity_that_was_not_computed_breaks_the_line_and_a_gate_is_a_stroke
         for value in values
     ]
     chart = next(
-        one
-        for one in charts(builders.SCENARIOS[0], nights, gap, gates)
-        if one.title == "Score S of the paper"
+        one for one in charts(LOW_SPEED, nights, gap, gates) if one.title == "Score S of the paper"
     )
     assert [len(part) for part in chart.lines[0].parts] == [1, 1]
     assert _dates(nights * 30)[0][0] + 33 <= WIDTH, "half of the last date"
     assert len(chart.gates) == 3
     two = [*gates, *(gate._replace(threshold=50.0) for gate in gates)]
-    twice = charts(builders.SCENARIOS[0], nights, gap, two)
+    twice = charts(LOW_SPEED, nights, gap, two)
     assert {len(one.gates) for one in twice if one.title == chart.title} == {6}
     assert all(
         TOP <= point.y <= HEIGHT for line in chart.lines for part in line.parts for point in part
@@ -125,22 +123,20 @@ def test_a_history_of_earlier_nights_without_the_newer_quantities_still_reads(hi
         nights, values = lines.nights(), lines.values()
     known = ("S", "C", "D", "collisions", "collision_probability", "not_evaluated", "run_time")
     older = [value for value in values if value.night != nights[0].night or value.quantity in known]
-    found = {chart.title: chart for chart in charts(builders.SCENARIOS[0], nights, older, [])}
+    found = {chart.title: chart for chart in charts(LOW_SPEED, nights, older, [])}
     assert [len(part) for part in found["Avoided share A"].lines[0].parts] == [2]
     assert [len(part) for part in found["Score S of the paper"].lines[0].parts] == [3]
     only = [value for value in older if value.quantity in known]
-    assert "Avoided share A" not in {
-        chart.title for chart in charts(builders.SCENARIOS[0], nights, only, [])
-    }
+    assert "Avoided share A" not in {chart.title for chart in charts(LOW_SPEED, nights, only, [])}
 
 
 def test_regrets_of_two_units_have_a_chart_each(history, evaluation):
     """Three nights in m/s, one of losses; each night's gate of the regret is in its own chart."""
     losses = with_losses(evaluation, severity="injury:cyclist")
-    gate = GateResult("regret", builders.CALM, builders.SCENARIOS[0], True, "fine", 0.1, 0.2)
+    gate = GateResult("regret", CALM, LOW_SPEED, True, "fine", 0.1, 0.2)
     with open_history(history, create=True) as lines:
         lines.add(night("2026-01-04T02-00-00Z"), losses, [gate])
-        drawn = charts(builders.SCENARIOS[0], lines.nights(), lines.values(), lines.gates())
+        drawn = charts(LOW_SPEED, lines.nights(), lines.values(), lines.gates())
     found = {chart.title: chart for chart in drawn if "Regret" in chart.title}
     told = {it.unit: (len(it.lines[0].parts[0]), len(it.gates)) for it in found.values()}
     assert told == {"m/s": (3, 0), "": (1, 1)}
@@ -169,5 +165,5 @@ def test_the_trend_page_opens_without_an_error_and_without_a_request(history, ev
         holds_what_every_page_holds(page, path, "document.querySelectorAll('polyline').length > 10")
         head, *rows = saved_table(page, "svg[data-chart$='S+']")
         assert head == "night,series,Score S+"
-        score = evaluation.score(builders.CALM, builders.SCENARIOS[0]).s_plus
-        assert f"2026-01-01T02-00-00Z,{builders.CALM},{score!r}" in rows
+        score = evaluation.score(CALM, LOW_SPEED).s_plus
+        assert f"2026-01-01T02-00-00Z,{CALM},{score!r}" in rows

@@ -2,8 +2,8 @@
 
 from dataclasses import replace
 
-import builders
 import numpy as np
+from builders import CALM
 
 from sumo_eval.scoring.case_terms import CaseTerms
 from sumo_eval.scoring.confidence.drivers import NO_DEVIATIONS
@@ -41,10 +41,10 @@ def with_intervals_of_calm(evaluation, partitions):
     rows."""
     finished = []
     for name, zones in partitions.items():
-        rows = evaluation.cases_of(builders.CALM, name)
+        rows = evaluation.cases_of(CALM, name)
         unit = zones.logical.to_unit([zones.logical.row(case.values) for case in rows])
         done, _ = with_intervals(
-            [combine(builders.CALM, name, rows, evaluation.settings.method)],
+            [combine(CALM, name, rows, evaluation.settings.method)],
             [rows],
             [np.arange(len(rows))],
             [NO_DEVIATIONS],

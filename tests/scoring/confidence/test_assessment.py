@@ -7,6 +7,7 @@ from dataclasses import replace
 import builders
 import numpy as np
 import pytest
+from builders import CALM, DRIVERS, SCENARIOS
 from scoring.confidence.scored_by_hand import with_intervals_of_calm
 
 from sumo_eval.case_table import CaseTable
@@ -28,7 +29,7 @@ CUT_OUT = "front_vehicle_cut_out"
 
 @pytest.fixture(scope="module")
 def partitions():
-    return {name: partition(catalogue.load(name), QUICK) for name in builders.SCENARIOS}
+    return {name: partition(catalogue.load(name), QUICK) for name in SCENARIOS}
 
 
 @pytest.fixture(scope="module")
@@ -81,13 +82,13 @@ def test_the_drivers_errors_are_those_of_a_plain_loop(evaluation, partitions):
     safe = [
         replace(case, plausibility=0.5, human_likeness=0.3)
         for case in evaluation.cases
-        if (case.ads, case.scenario, case.zone) == (builders.CALM, CUT_OUT, "safe")
+        if (case.ads, case.scenario, case.zone) == (CALM, CUT_OUT, "safe")
         and case.index is not None
     ][:2]
     fine = settings.method.anthropomorphic
     coarse = replace(fine, slice_spacing=fine.band_slice_spacing)
     assert fine.band_slice_spacing > fine.slice_spacing
-    names = [f"driver_{index:02d}" for index in range(builders.DRIVERS)]
+    names = [f"driver_{index:02d}" for index in range(DRIVERS)]
     with open_store(evaluation.folder) as store:
         drives = {
             case.case: tuple(f"{CUT_OUT}-{case.case.split('-')[1]}-~{name}" for name in names)
@@ -103,7 +104,7 @@ def test_the_drivers_errors_are_those_of_a_plain_loop(evaluation, partitions):
         found = compute_points(evaluation.folder, jobs, fine, map, lambda done: None, kept)
         kept.close()
         left_out = {case: (one, names) for case, one in found.left_out.items()}
-        everybody = list(range(builders.DRIVERS))
+        everybody = list(range(DRIVERS))
         without = [[place for place in everybody if place != absent] for absent in everybody]
         exchanged = [[*without[leaves], stays] for leaves, stays in swaps]
         values = []
@@ -120,8 +121,8 @@ def test_the_drivers_errors_are_those_of_a_plain_loop(evaluation, partitions):
             values.append(over / under)
         whole, fewer, swapped = (
             values[0],
-            values[1 : 1 + builders.DRIVERS],
-            values[1 + builders.DRIVERS :],
+            values[1 : 1 + DRIVERS],
+            values[1 + DRIVERS :],
         )
     found = driver_deviations(
         CaseTable.of(safe),
@@ -130,9 +131,7 @@ def test_the_drivers_errors_are_those_of_a_plain_loop(evaluation, partitions):
         settings.seed,
     )
     population = settings.drivers.population
-    groups = [
-        draw_driver(index, settings.seed, population).overtakes for index in range(builders.DRIVERS)
-    ]
+    groups = [draw_driver(index, settings.seed, population).overtakes for index in range(DRIVERS)]
     change = float(np.mean(swapped)) - whole
     expected = stratified_deviations(np.array(fewer), groups, population.overtake_share, change)
     assert found.names[:-1] == tuple(names)
@@ -141,7 +140,7 @@ def test_the_drivers_errors_are_those_of_a_plain_loop(evaluation, partitions):
 
 
 def test_fewer_than_two_evaluated_cases_have_no_interval_and_a_reason(evaluation, partitions):
-    first = next(case for case in evaluation.cases if case.evaluated and case.ads == builders.CALM)
+    first = next(case for case in evaluation.cases if case.evaluated and case.ads == CALM)
     score = next(s for s in evaluation.scores if (s.ads, s.scenario) == (first.ads, first.scenario))
     found = assess(
         replace(evaluation, cases=(first,), scores=(score,)),
