@@ -63,6 +63,13 @@ def sumo_eval(*arguments, cwd=None, status=0):
     return done
 
 
+def cli_refuses(words, *arguments, cwd=None):
+    """Run a command, which must end with status 2 and these words on stderr, in any lines."""
+    done = sumo_eval(*arguments, cwd=cwd, status=2)
+    assert words in " ".join(done.stderr.split()), done.said
+    return done
+
+
 def typed(line, cwd=None):
     """Run one line as a shell takes it apart: quotes, spaces and comments; `> file` gets what was
     printed."""

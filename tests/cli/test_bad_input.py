@@ -10,7 +10,7 @@ from functools import partial
 from pathlib import Path
 
 import pytest
-from commands import in_a_process, sumo_eval
+from commands import cli_refuses, in_a_process, sumo_eval
 from tables import rows_of
 
 from sumo_eval.cli.stopping import stop_on_signal
@@ -114,8 +114,7 @@ def test_a_full_device_behind_stderr_does_not_end_a_run(folder):
 @pytest.mark.skipif(os.name != "posix" or os.geteuid() == 0, reason="nothing is closed to root")
 def test_a_read_only_folder_is_refused(folder):
     (folder / "closed").mkdir(mode=0o500)
-    done = sumo_eval(f"run {folder}/good.toml --out {folder}/closed/o", status=2)
-    assert "Permission denied" in done.stderr
+    cli_refuses("Permission denied", f"run {folder}/good.toml --out {folder}/closed/o")
 
 
 @pytest.mark.skipif(os.name != "posix", reason="a shell's way to close a stream")

@@ -7,7 +7,7 @@ from types import SimpleNamespace
 
 import pytest
 from click.testing import CliRunner
-from commands import Done, in_a_process, python, sumo_eval
+from commands import Done, cli_refuses, in_a_process, python, sumo_eval
 from laid import read_json
 from tables import rows_of
 
@@ -134,7 +134,7 @@ run --out x --workers 0 | --workers
     ),
 )
 def test_bad_input_gets_a_sentence_and_status_2(arguments, sentence, tmp_path):
-    assert sentence in sumo_eval(*arguments, cwd=tmp_path, status=2).stderr
+    cli_refuses(sentence, *arguments, cwd=tmp_path)
     assert not (tmp_path / "x").exists()
 
 
@@ -244,14 +244,15 @@ def test_an_installed_package_brings_a_command_of_its_own(site):
 )
 def test_what_is_not_a_command_gets_status_2(site, entry, sentence):
     install(site, entry)
-    assert sentence in sumo_eval("weather", status=2).said
+    cli_refuses(sentence, "weather")
     assert sentence in " ".join(sumo_eval("--help").said.split())
 
 
 def test_our_command_without_its_entry_point_says_what_to_do(monkeypatch):
     monkeypatch.setattr(cli, "_plugins", dict)
-    done = sumo_eval("drive", "cut_in", status=2)
-    assert "Command `drive` is not installed: run `pip install -e .` again." in done.said
+    cli_refuses(
+        "Command `drive` is not installed: run `pip install -e .` again.", "drive", "cut_in"
+    )
 
 
 def test_no_package_takes_the_place_of_our_commands(site):

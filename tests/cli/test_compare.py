@@ -4,7 +4,7 @@ import csv
 
 import junitparser
 import pytest
-from commands import sumo_eval
+from commands import cli_refuses, sumo_eval
 from tables import rows_of
 
 from cli.nights import evaluation
@@ -74,8 +74,10 @@ def test_a_gate_file_decides_what_is_let_through(builds, tmp_path):
 
 def test_other_settings_are_refused_and_with_consent_shown(builds, tmp_path):
     sumo_eval("run", evaluation(tmp_path, "2"), "--out", tmp_path / "other")
-    done = sumo_eval(f"compare {builds}/base {tmp_path}/other", status=2)
-    assert "scenario.front_vehicle_low_speed.sampling.levels" in done.stderr
+    done = cli_refuses(
+        "scenario.front_vehicle_low_speed.sampling.levels",
+        f"compare {builds}/base {tmp_path}/other",
+    )
     done = sumo_eval(f"compare {builds}/base {tmp_path}/other --accept-differences")
     assert "DIFFERS: scenario.front_vehicle_low_speed.sampling.levels" in done.stdout
     assert "exist in one run only" in done.stdout
@@ -95,7 +97,7 @@ def test_a_wrong_pair_and_a_folder_without_a_run_are_refused(builds):
     ):
         assert sentence in compared(builds, *arguments, new="repeat", status=2).stderr
     assert not kept.exists(), "they are refused before anything is scored"
-    assert "is not a run folder" in sumo_eval(f"compare {builds} {builds}/base", status=2).stderr
+    cli_refuses("is not a run folder", f"compare {builds} {builds}/base")
 
 
 def test_explain_prints_the_arithmetic_that_the_score_is_made_of(builds):
@@ -127,8 +129,7 @@ def test_explain_prints_the_arithmetic_that_the_score_is_made_of(builds):
     done = sumo_eval(f"explain {builds}/base")
     assert "S, the sum" in done.stdout
     assert "S+, the sum" in done.stdout
-    misspelt = sumo_eval("explain", builds / "new", key.replace("mine", "mime"), status=2)
-    assert f"Did you mean `{key}`?" in misspelt.stderr
+    cli_refuses(f"Did you mean `{key}`?", "explain", builds / "new", key.replace("mine", "mime"))
 
 
 def test_run_only_drives_one_case_again(builds, tmp_path):
@@ -156,10 +157,7 @@ def test_run_only_names_what_it_does_not_know(builds, tmp_path):
         ("nonsense", "Unknown case `nonsense` of the evaluation."),
         (f"cut_in-{'1' * 5000}-mine", "Unknown case `cut_in-1111"),
     ):
-        done = sumo_eval(
-            f"run {builds}/evaluation.toml --only {case} --out {tmp_path}/none", status=2
-        )
-        assert words in done.stderr
+        cli_refuses(words, f"run {builds}/evaluation.toml --only {case} --out {tmp_path}/none")
     assert not (tmp_path / "none").exists()
 
 
@@ -211,7 +209,7 @@ def test_an_edited_scenario_file_is_told(tmp_path):
     own.write_text(text.replace("delay = 1.0", "delay = 2.0"))
     sumo_eval(f"run {file} --out {tmp_path}/edited")
     words = "file of scenario front_vehicle_braking: "
-    assert words in sumo_eval(f"compare {tmp_path}/base {tmp_path}/edited", status=2).said
+    cli_refuses(words, f"compare {tmp_path}/base {tmp_path}/edited")
     told = "The scenario's file changed after it was driven"
     assert told in sumo_eval(f"score {tmp_path}/base").said
     assert told not in sumo_eval(f"score {tmp_path}/edited").said

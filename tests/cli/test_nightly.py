@@ -16,7 +16,7 @@ from pathlib import Path
 
 import junitparser
 import pytest
-from commands import sumo_eval
+from commands import cli_refuses, sumo_eval
 from laid import read_json, replace_in
 from record.edited_store import edit
 from record.runs import rows
@@ -371,8 +371,7 @@ def test_older_runs_are_imported_as_nights_without_a_verdict(week, tmp_path):
     (imported,) = nights(tmp_path / "history")
     assert imported.imported
     assert not imported.good
-    again = sumo_eval(f"trend {tmp_path}/history --import {run}", status=2)
-    assert "nothing in it is replaced" in again.stderr
+    cli_refuses("nothing in it is replaced", f"trend {tmp_path}/history --import {run}")
     partly = ("trend", tmp_path / "partly", "--import", run, "--import", tmp_path)
     assert "Added" in sumo_eval(*partly, status=2).stdout
     sumo_eval("trend", tmp_path, status=2)

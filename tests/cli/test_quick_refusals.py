@@ -3,7 +3,7 @@
 from pathlib import Path
 
 import pytest
-from commands import sumo_eval
+from commands import cli_refuses, sumo_eval
 
 from sumo_eval.extras.figures import style
 from sumo_eval.record import cluster, loops
@@ -21,8 +21,9 @@ TWO = (
 def test_a_file_without_a_name_lists_what_it_holds(tmp_path, words, monkeypatch):
     monkeypatch.chdir(tmp_path)
     Path("mine.py").write_text(TWO)
-    result = sumo_eval(*words, "mine.py", status=2)
-    assert "is a file; name one of what it holds (`Brake`, `steer`): mine.py:Brake" in result.said
+    cli_refuses(
+        "is a file; name one of what it holds (`Brake`, `steer`): mine.py:Brake", *words, "mine.py"
+    )
 
 
 def test_a_file_that_is_not_there_is_said_to_be_missing():
@@ -54,8 +55,7 @@ def test_an_evaluation_without_ads_is_driven_by_those_named(tmp_path):
         "2\n[drivers]\ncount = 2\n"
     )
     sumo_eval("run", file, "--ads", "idm", "--dry-run")
-    refused = sumo_eval("run", file, status=2)
-    assert "must have at least one [[ads]], or be run with `--ads LOCATOR`" in refused.said
+    cli_refuses("must have at least one [[ads]], or be run with `--ads LOCATOR`", "run", file)
 
 
 def test_a_value_of_a_parameter_without_unit_is_refused_without_a_unit(tmp_path):
@@ -69,8 +69,7 @@ def test_a_value_of_a_parameter_without_unit_is_refused_without_a_unit(tmp_path)
 def test_a_folder_that_is_taken_is_refused_before_the_evaluation_is_looked_at(tmp_path):
     (tmp_path / "taken").mkdir()
     (tmp_path / "taken" / "notes.txt").write_text("mine")
-    result = sumo_eval(f"run --out {tmp_path}/taken", status=2)
-    assert "already exists and is not empty" in result.said
+    result = cli_refuses("already exists and is not empty", f"run --out {tmp_path}/taken")
     assert "zones" not in result.said
 
 
@@ -97,8 +96,7 @@ def test_a_misspelt_scenario_is_refused_before_an_ads_is_asked(tmp_path, options
         'name = "x"\n[[scenario]]\nuse = "cut_inn"\n[[ads]]\nname = "mine"\ncontroller = '
         '"mine.py:acc"\n'
     )
-    result = sumo_eval("run", "evaluation.toml", *options, status=2)
-    assert "`cut_inn`" in result.said
+    result = cli_refuses("`cut_inn`", "run", "evaluation.toml", *options)
     assert "Did you mean `cut_in`?" in result.said
     assert not Path("asked").exists()
 
@@ -113,10 +111,9 @@ def test_a_curve_too_tight_for_the_steering_is_refused_at_once(tmp_path, monkeyp
         '"idm"\n'
         "[simulation.vehicle]\nmax_steering_wheel_angle_deg = 8.0\n"
     )
-    result = sumo_eval("run evaluation.toml --out x", status=2)
-    assert (
-        "The radius of scenario `curve_braking` must be at least 312.9 m, so that the ego can drive"
-        in result.said
+    cli_refuses(
+        "The radius of scenario `curve_braking` must be at least 312.9 m, so that the ego can drive",
+        "run evaluation.toml --out x",
     )
 
 
@@ -128,8 +125,7 @@ def test_impossible_placement_is_refused_before_compiling(tmp_path, monkeypatch)
         'name = "x"\n[[scenario]]\nuse = "bad.toml"\n[[ads]]\nname = "idm"\ncontroller = "idm"\n'
     )
     monkeypatch.setattr(loops, "ready", None)
-    result = sumo_eval("run evaluation.toml --out x", status=2)
-    assert "must be clear of `ego` at the start" in result.said
+    cli_refuses("must be clear of `ego` at the start", "run evaluation.toml --out x")
 
 
 @pytest.mark.parametrize(
@@ -143,42 +139,49 @@ def test_a_cluster_that_cannot_be_is_refused_before_anything_is_compiled(
     tmp_path, options, words, monkeypatch
 ):
     monkeypatch.setattr(cluster, "find_spec", lambda name: None)
-    result = sumo_eval("run", "--engine", "dask", *options, "--out", tmp_path / "x", status=2)
-    assert words in result.said
+    result = cli_refuses(words, "run", "--engine", "dask", *options, "--out", tmp_path / "x")
     assert "compiling" not in result.said
     assert not (tmp_path / "x").exists()
 
 
 def test_missing_matplotlib_is_reported_before_the_run_is_opened(tmp_path, monkeypatch):
     monkeypatch.setattr(style, "find_spec", lambda name: None)
-    result = sumo_eval("plot", tmp_path / "no run", "zone_map", status=2)
-    assert "A figure needs the extra `plots`, which this installs: " in result.said
+    cli_refuses(
+        "A figure needs the extra `plots`, which this installs: ",
+        "plot",
+        tmp_path / "no run",
+        "zone_map",
+    )
 
 
 def test_a_folder_that_cannot_be_written_is_refused_before_the_work(tmp_path):
     (tmp_path / "file").write_text("")
-    result = sumo_eval(f"qualify --out {tmp_path}/file/x", status=2)
-    assert "cannot be written" in result.said
+    result = cli_refuses("cannot be written", f"qualify --out {tmp_path}/file/x")
     assert "passed" not in result.said
 
 
 def test_learning_from_a_folder_says_what_to_name(tmp_path):
-    result = sumo_eval(f"learn {tmp_path} --out {tmp_path}/learned", status=2)
-    assert f"{tmp_path} is a folder" in result.said
+    result = cli_refuses(f"{tmp_path} is a folder", f"learn {tmp_path} --out {tmp_path}/learned")
     assert "humans import" in result.said
 
 
 def test_imported_people_are_written_as_csv_alone(tmp_path):
-    result = sumo_eval(f"humans import csv no --out {tmp_path}/x.parquet", status=2)
-    assert "must be a file that ends with .csv or .csv.gz, got " in result.said
+    cli_refuses(
+        "must be a file that ends with .csv or .csv.gz, got ",
+        f"humans import csv no --out {tmp_path}/x.parquet",
+    )
 
 
 def test_a_folder_to_check_is_answered_with_what_it_holds(tmp_path):
-    result = sumo_eval("check", tmp_path, status=2)
-    assert "is a folder without an evaluation, a scenario (.toml) or an ADS (.py)." in result.said
+    result = cli_refuses(
+        "is a folder without an evaluation, a scenario (.toml) or an ADS (.py).", "check", tmp_path
+    )
     for name in ("night.toml", "mine.py", "notes.txt"):
         (tmp_path / name).write_text("")
-    result = sumo_eval("check", tmp_path, status=2)
-    assert f"is a folder; name a file that it holds: {str(tmp_path / 'mine.py')!r}, " in result.said
+    result = cli_refuses(
+        f"is a folder; name a file that it holds: {str(tmp_path / 'mine.py')!r}, ",
+        "check",
+        tmp_path,
+    )
     assert "night.toml" in result.said
     assert "notes" not in result.said

@@ -5,7 +5,7 @@ import subprocess
 from importlib.metadata import version
 
 import pytest
-from commands import ROOT, sumo_eval
+from commands import ROOT, cli_refuses, sumo_eval
 
 NIGHTS = ROOT / "docs" / "examples" / "nights"
 
@@ -47,5 +47,4 @@ def test_recipes_hide_no_failure_and_pin_what_they_run():
 
 
 def test_removed_option_names_the_files():
-    result = sumo_eval("nightly evaluation.toml --history nights --install cron", status=2)
-    assert "docs/examples/nights" in result.said
+    cli_refuses("docs/examples/nights", "nightly evaluation.toml --history nights --install cron")

@@ -4,7 +4,7 @@ import csv
 import json
 
 import pytest
-from commands import sumo_eval
+from commands import cli_refuses, sumo_eval
 from laid import read_json
 
 from tests.scenario.test_scenario_file import EXAMPLE
@@ -59,7 +59,7 @@ def test_schema_prints_a_json_schema(what, key):
 def test_check_says_what_is_in_a_scenario_file_and_what_is_wrong(truck):
     assert "12 possible points; constraints refuse 3 more." in sumo_eval("check", truck).said
     truck.write_text(EXAMPLE.replace('"truck_speed < ego_speed"', '"truck_sped < ego_speed"'))
-    assert "Did you mean `truck_speed`?" in sumo_eval("check", truck, status=2).stderr
+    cli_refuses("Did you mean `truck_speed`?", "check", truck)
 
 
 def test_boundary_finds_an_edge_and_writes_it(tmp_path):
@@ -99,9 +99,9 @@ def test_an_edge_is_drawn_for_a_paper_from_what_the_search_wrote(tmp_path, held)
     assert rows[0].endswith("gap,chance")
     sumo_eval(f"plot {out} boundary --out {tmp_path}/edge.svg")
     assert "collision" in (tmp_path / "edge.svg").read_text()
-    assert "takes no `ads`" in sumo_eval(f"plot {out} boundary --ads idm", status=2).said
+    cli_refuses("takes no `ads`", f"plot {out} boundary --ads idm")
     for damage in (rows[0], "\n".join([rows[0], *rows]), ""):
         (out / "chances.csv").write_text(damage)
-        assert "Search it again." in sumo_eval(f"plot {out} boundary", status=2).said
+        cli_refuses("Search it again.", f"plot {out} boundary")
     (out / "chances.csv").unlink()
-    assert "Search it again." in sumo_eval(f"plot {out} boundary", status=2).said
+    cli_refuses("Search it again.", f"plot {out} boundary")

@@ -5,7 +5,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from commands import sumo_eval
+from commands import cli_refuses, sumo_eval
 from laid import read_json
 from rates.rare import estimate, logical
 
@@ -162,8 +162,10 @@ def test_a_driver_who_sleeps_has_a_higher_rate_than_one_who_does_not(tmp_path):
 def test_a_scenario_without_a_frequency_is_refused(tmp_path):
     file = tmp_path / "campaign.toml"
     file.write_text(FILE.replace("per_km = 0.2\n", ""))
-    result = sumo_eval(f"campaign {file} --out {tmp_path}/out", status=2)
-    assert "Scenario `front_vehicle_low_speed` needs an encounter rate" in result.said
+    cli_refuses(
+        "Scenario `front_vehicle_low_speed` needs an encounter rate",
+        f"campaign {file} --out {tmp_path}/out",
+    )
 
 
 def test_two_scenarios_of_one_name_are_refused(tmp_path):
@@ -171,8 +173,10 @@ def test_two_scenarios_of_one_name_are_refused(tmp_path):
     (tmp_path / "own.toml").write_text(shipped.read_text())
     file = tmp_path / "campaign.toml"
     file.write_text(FILE + '[[scenario]]\nuse = "own.toml"\nper_km = 0.1\n')
-    result = sumo_eval(f"campaign {file} --out {tmp_path}/out", status=2)
-    assert "must differ in their names, got `front_vehicle_low_speed` twice" in result.said
+    cli_refuses(
+        "must differ in their names, got `front_vehicle_low_speed` twice",
+        f"campaign {file} --out {tmp_path}/out",
+    )
 
 
 def test_drives_that_could_not_be_evaluated_are_listed_by_reason():

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from commands import sumo_eval
+from commands import cli_refuses, sumo_eval
 from laid import read_json
 from lxml import etree
 from rates.planted import RANGES, RANK_CORRELATION, TOGETHER, planted, recordings_of, shares_of
@@ -170,7 +170,7 @@ def test_a_table_without_motor_vehicles_is_refused(tmp_path):
     path = tmp_path / "people.csv"
     rows = [f"r,a,{t / 10:.1f},{t / 10:.1f},0,0.5,0.5,pedestrian" for t in range(30)]
     path.write_text("recording,vehicle,t,x,y,length,width,class\n" + "\n".join(rows) + "\n")
-    assert "motor vehicles" in sumo_eval(f"learn {path} --out {tmp_path}/out", status=2).said
+    cli_refuses("motor vehicles", f"learn {path} --out {tmp_path}/out")
 
 
 def test_the_exact_poisson_limits():

@@ -6,7 +6,7 @@ Whether Windows itself runs the program cannot be seen here.
 import os
 
 import pytest
-from commands import python, sumo_eval
+from commands import cli_refuses, python
 from laid import read_json
 
 from sumo_eval.record.engines import refuse_engine
@@ -82,8 +82,7 @@ def test_where_nothing_forks_the_engine_of_processes_is_refused_before_the_work(
     (tmp_path / "evaluation.toml").write_text(EVALUATION)
     monkeypatch.delattr(os, "fork")
     words = ["run", str(tmp_path / "evaluation.toml"), "--out", str(tmp_path / "run"), *how]
-    result = sumo_eval(*words, status=2)
-    assert "The engine `processes` needs a system whose processes can fork" in result.said
+    result = cli_refuses("The engine `processes` needs a system whose processes can fork", *words)
     assert "--engine serial" in result.said
     refuse_engine(RunSettings(engine="serial"))
 

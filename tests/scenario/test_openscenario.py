@@ -9,7 +9,7 @@ from dataclasses import astuple, replace
 
 import numpy as np
 import pytest
-from commands import sumo_eval
+from commands import cli_refuses, sumo_eval
 from loaded import SHARED
 from lxml import etree
 from refusals import refusal
@@ -125,9 +125,14 @@ def timed(action, when, n=1, delay=0):
     return TIMED.format(n=n, action=action, delay=delay, when=when)
 
 
+def space_of(path):
+    """The logical scenario of a file."""
+    return find(str(path))
+
+
 def only_case(path):
     """The case of a file without parameters."""
-    return find(str(path)).concrete(only=0.0)
+    return space_of(path).concrete(only=0.0)
 
 
 def written(folder, curvature="", **parts):
@@ -401,7 +406,7 @@ def test_a_move_with_a_condition_plays_on_a_curved_road(tmp_path):
     """A left bend of 500 m: the cut-in waits until the gap is below 30 m there as on a straight
     road."""
     straight = only_case(written(tmp_path, events=CUT_IN)).actors[0]
-    logical = find(str(changed(tmp_path, events=CUT_IN, curvature=0.002)))
+    logical = space_of(changed(tmp_path, events=CUT_IN, curvature=0.002))
     assert logical.road.bent
     (other,) = logical.concrete(only=0.0).actors
     assert other.lively
@@ -416,7 +421,7 @@ def test_speeds_and_gaps_on_a_curved_road_are_over_the_ground(tmp_path):
     15 / 6 = 2.5 s and 18.75 m.
     """
     brake = BRAKE.replace('value="5"/><SpeedActionTarget>', 'value="6"/><SpeedActionTarget>')
-    logical = find(str(written(tmp_path, events=timed(brake, 2), curvature=0.002)))
+    logical = space_of(written(tmp_path, events=timed(brake, 2), curvature=0.002))
     scene = logical.concrete(only=0.0)
     assert scene.actors[0].start.speed == pytest.approx(15.0 / (1.0 - 3.75 / 501.75))
     _, x, y, _ = way_of_other(scene, 6.0)
@@ -480,7 +485,7 @@ def test_the_road_of_an_ego_that_turns_is_its_way_and_who_comes_across_drives_st
     The other's axle at s = 200 and its centre 1.5 m ahead of it, back along the road, at x = 198.5
     m and 3.5 m beside the ego's line, comes with 5 m/s along exactly that line.
     """
-    logical = find(str(turning(tmp_path)))
+    logical = space_of(turning(tmp_path))
     assert [(piece.length, piece.begin, piece.end) for piece in logical.road.line] == [
         (120.0, 0.0, 0.0), (pytest.approx(5.0 * math.pi), 0.1, 0.1), (60.0, 0.0, 0.0)
     ]  # fmt: skip
@@ -520,7 +525,7 @@ def test_an_ego_that_turns_behind_the_crossing_vehicle_passes(tmp_path):
     radius of 10 m, its centre 1.35 m ahead, within the 0.2 m that its wheel, which turns at a
     limited rate, needs where a bend begins without a spiral.
     """
-    logical = find(str(turning(tmp_path)))
+    logical = space_of(turning(tmp_path))
     recording = clear_drive(logical.concrete(only=0.0), "no_reaction")
     assert recording.end_reason == "time_limit"
     way = recording.actors["Other"]
@@ -573,7 +578,7 @@ def test_headings_along_a_trajectory_are_noted(tmp_path, heading, noted):
         turn = f'<Orientation type="absolute" {heading}/></LanePosition>'
         line = re.sub('(s="70.0")/>', rf"\1>{turn}", line)
     follow = timed(_following(line), 0)
-    notes = find(str(changed(tmp_path, (' offset="0.25"', ""), events=follow))).notes[0]
+    notes = space_of(changed(tmp_path, (' offset="0.25"', ""), events=follow)).notes[0]
     assert ("headings along a trajectory" in notes) == noted
 
 
@@ -583,7 +588,7 @@ def test_a_trajectory_crosses_a_curved_road_straight_on_the_map(tmp_path):
     its axle is.
     """
     middle, event = (' offset="0.25"', ""), timed(_following(_line(_at(1, 70.0), _at(-1, 60.0))), 0)
-    logical = find(str(changed(tmp_path, middle, events=event, v="10", curvature=0.002)))
+    logical = space_of(changed(tmp_path, middle, events=event, v="10", curvature=0.002))
     scene = logical.concrete(only=0.0)
     assert logical.road.bent
     seen, *places, _ = way_of_other(scene, 4.0)
@@ -614,7 +619,7 @@ def test_the_ego_can_be_named(tmp_path):
     with refusal(
         r"<Entities>: the entity that the ADS drives must be named `Ego`, .* my hero, Other"
     ):
-        find(str(hero))
+        space_of(hero)
     with refusal("must be named `Ego`"):
         find(f"{path}?ego")
     logical = find(f"{hero}?ego=my hero")
@@ -665,7 +670,7 @@ CAMBER = '<lateralProfile><{} s="0" a="0" b="0.1" c="0" d="0"/></lateralProfile>
     ],
 )
 def test_what_a_road_file_says_in_vain_is_noted(tmp_path, old, new, kind):
-    plain, path = find(str(written(tmp_path))), changed(tmp_path, minor=1)
+    plain, path = space_of(written(tmp_path)), changed(tmp_path, minor=1)
     (tmp_path / "road.xodr").write_text(ROAD.replace(old, new, 1))
     for option in ("", "?flat=1"):
         other = find(f"{path}{option}")
@@ -711,8 +716,8 @@ IN_VAIN = {
 @pytest.mark.parametrize("kind", IN_VAIN)
 @pytest.mark.parametrize("event", [CUT_IN, timed(BRAKE, 40)])
 def test_text_without_effect_is_noted(tmp_path, kind, event):
-    assert not find(str(written(tmp_path, events=event))).notes[0].startswith("Not simulated")
-    note = find(str(changed(tmp_path, IN_VAIN[kind], events=event))).notes[0]
+    assert not space_of(written(tmp_path, events=event)).notes[0].startswith("Not simulated")
+    note = space_of(changed(tmp_path, IN_VAIN[kind], events=event)).notes[0]
     assert note == f"Not simulated: {kind}."
 
 
@@ -725,7 +730,7 @@ def test_end_of_another_road_is_noted(tmp_path, length):
     for old, new in (('id="0"', 'id="1"'), ('x="5"', 'x="105"'), ("1000", str(length))):
         other = other.replace(old, new)
     (tmp_path / "road.xodr").write_text(ROAD.replace("</OpenDRIVE>", f"{other}</OpenDRIVE>"))
-    noted = "Not simulated: the end of the road of `Other`." in find(str(path)).notes
+    noted = "Not simulated: the end of the road of `Other`." in space_of(path).notes
     assert noted == (length == 400)
 
 
@@ -1068,7 +1073,7 @@ def test_a_map_of_a_simulator_is_named_by_the_user(tmp_path, name):
     named = f'<LogicFile filepath="{name}"/>' if name else ""
     path = changed(tmp_path, ('<LogicFile filepath="road.xodr"/>', named))
     with refusal(rf"`{name}` .* simulator's map: `\?map=FILE.xodr`"):
-        find(str(path))
+        space_of(path)
     assert find(f"{path}?map=road.xodr").concrete(only=0.0).actors
 
 
@@ -1133,14 +1138,14 @@ def test_stories_and_manoeuvres_have_parameters_of_their_own(tmp_path):
 def test_a_case_ends_before_sumo_takes_the_ego_off_the_road(tmp_path):
     """50 m/s for 30 s is more than the road's 1000 m: half a body of 4 m and 5 m for a step at full
     speed are left."""
-    logical = find(str(written(tmp_path, v="50")))
+    logical = space_of(written(tmp_path, v="50"))
     assert logical.road.length == pytest.approx(1000.0 - 2.0 - 5.0)
     assert logical.road.length + logical.road.run_out == pytest.approx(1000.0)
 
 
 def test_why_every_point_counts_as_safe_is_said(tmp_path):
     path = written(tmp_path, events=timed(BRAKE, 2))
-    (said,) = (note for note in find(str(path)).notes if "counts as safe" in note)
+    (said,) = (note for note in space_of(path).notes if "counts as safe" in note)
     assert "`?zones=1`" in said
     searched = find(f"{path}?zones=1")
     assert searched.search is not None
@@ -1311,8 +1316,9 @@ def test_one_point_is_written_and_a_whole_space_is_not(tmp_path):
     again = only_case(tmp_path / "again.toml")
     assert (again.ego.speed, again.actors[0].start.speed) == pytest.approx((15.0, 10.0))
     assert unnamed(again) == unnamed(read.logical.concrete(kph=54.0))
-    result = sumo_eval(f"import {path} --out {tmp_path}/space.toml", status=2)
-    assert "writes one point, without `--set` for kph" in result.said
+    result = cli_refuses(
+        "writes one point, without `--set` for kph", f"import {path} --out {tmp_path}/space.toml"
+    )
     assert (
         'The whole space plays from the OpenSCENARIO file itself: `use = "FILE.xosc"`'
         in result.said

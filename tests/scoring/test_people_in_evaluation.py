@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from commands import sumo_eval
+from commands import cli_refuses, sumo_eval
 from drivers.test_reference import write_people
 from evaluations import small
 from laid import read_json
@@ -289,15 +289,14 @@ def test_peoples_opinion_beside_the_scores(runs, tmp_path):
     assert [(row.ads, row.opinion) for row in found.rows] == [("idm", 3.5), ("lane_changer", 8.5)]
     assert found.correlations["D"] is None  # two scores make no correlation
     assert found.concordance.value == pytest.approx(1.0)
-    result = sumo_eval(f"humans opinion {out} {path} --out {tmp_path}/plot.html")
+    sumo_eval(f"humans opinion {out} {path} --out {tmp_path}/plot.html")
     assert (tmp_path / "plot.html").stat().st_size > 1000
     alike = read_ratings(path).assign(score=5.0)
     assert compare_opinion(run, alike).concordance is None
     with refusal("Unknown ADS `lane_changer` of scenario `front_vehicle_low_speed`"):
         compare_opinion(replace(run, scores=run.scores[:1]), alike)
     path.write_text("rater,ads,scenario,score\nann,idm,front_vehicle_low_speed,11\n")
-    result = sumo_eval(f"humans opinion {out} {path}", status=2)
-    assert "`score` in row 2 of" in result.said
+    cli_refuses("`score` in row 2 of", f"humans opinion {out} {path}")
 
 
 def test_raters_are_names_and_none_is_empty(tmp_path):

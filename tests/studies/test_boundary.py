@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from commands import sumo_eval
+from commands import cli_refuses
 from laid import read_json
 from refusals import refusal, refused
 from tables import rows_of, values_of
@@ -187,4 +187,4 @@ def test_a_finished_study_is_not_written_over(tmp_path, resume):
     ),
 )
 def test_the_command_refuses(tmp_path, arguments, sentence):
-    assert sentence in sumo_eval("boundary", *arguments, "--out", tmp_path / "out", status=2).stderr
+    cli_refuses(sentence, "boundary", *arguments, "--out", tmp_path / "out")

@@ -3,7 +3,7 @@
 import sys
 
 import pytest
-from commands import sumo_eval
+from commands import cli_refuses, sumo_eval
 from tables import rows_of
 
 from sumo_eval.extras.wheel.trip import concrete_of
@@ -67,7 +67,7 @@ nothing.toml | nothing.toml
     ),
 )
 def test_what_it_cannot_use_gets_a_sentence(arguments, words):
-    assert words in sumo_eval("drive", *arguments, "--no-browser", "--port", "0", status=2).said
+    cli_refuses(words, "drive", *arguments, "--no-browser", "--port", "0")
 
 
 def test_without_websockets_a_sentence_names_the_extra(monkeypatch, tmp_path):
@@ -75,5 +75,4 @@ def test_without_websockets_a_sentence_names_the_extra(monkeypatch, tmp_path):
         if name.partition(".")[0] == "websockets" or name == "sumo_eval.extras.wheel.window":
             monkeypatch.delitem(sys.modules, name)
     monkeypatch.setitem(sys.modules, "websockets", None)
-    done = sumo_eval(f"drive cut_in --no-browser --port 0 --out {tmp_path}", status=2)
-    assert "needs the extra `drive`" in done.said
+    cli_refuses("needs the extra `drive`", f"drive cut_in --no-browser --port 0 --out {tmp_path}")
