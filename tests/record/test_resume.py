@@ -23,7 +23,7 @@ from tables import in_campaign
 import sumo_eval
 from sumo_eval.errors import InputError, StoppedError
 from sumo_eval.record.facts import merge, parse_shard, record_facts, resolve, verify
-from sumo_eval.record.run_folder import FACTS, SHARD, only_writer, refuse_incomplete
+from sumo_eval.record.run_folder import SHARD, only_writer, refuse_incomplete
 from sumo_eval.record.store import open_store
 from sumo_eval.scenario.resolved import Resolved
 from sumo_eval.settings import DriverSettings
@@ -150,7 +150,7 @@ def test_changed_drives_of_an_own_reference_are_taken(tmp_path, run):
         (tmp_path / "people.txt").write_text(str(speed))
         record_facts(Resolved.of(evaluation, tmp_path), run, resume=speed == 5.0)
     case = "front_vehicle_low_speed-0000-~driver_00"
-    with open_store(tmp_path / "run") as store:
+    with open_store(run) as store:
         assert store.trajectory(case).x[-1] == 95.0
 
 
@@ -349,7 +349,7 @@ def test_a_dry_run_counts_the_drives_and_makes_no_folder(run, path):
     done = sumo_eval_cli("run", path, "--dry-run", "--out", run)
     assert "12 drives of the ADSs, 12 of human drivers and 18 of the references" in done.stdout
     assert "with 2 workers" in done.stdout
-    assert not (run).exists()
+    assert not run.exists()
 
 
 @pytest.mark.campaign
@@ -372,7 +372,7 @@ def test_a_caller_can_stop_a_run_and_continue(whole, run, path):
         sumo_eval.evaluate(path, run, progress=count, stopping=lambda: len(seen) > 3)
     with refusal("is not complete; continue with"):
         verify(run, 1.0)
-    with open_store(run / FACTS, create=True) as store:
+    with open_store(run, create=True) as store:
         refuse = partial(refuse_incomplete, store, run)
         with refusal("--resume[.]$"):
             refuse()
