@@ -124,7 +124,7 @@ class OnTraci(EgoControl):
         """One step of each ADS."""
         self._each(world, _Hook.step, time)
         if not self._alone:
-            self._check_clock(world, time)
+            self._check_clock(time)
 
     def after(self, world: World, now: float) -> None:
         """Read the egos that SUMO moved."""
@@ -184,7 +184,7 @@ class _Hook:
         briefing = make_briefing(concrete, settings, self._terms)
         if (error := error_of(self.ads.reset, briefing, TRACI, EGO)) is not None:
             self._blamed(error, "in reset", time)
-        self._check_clock(world, time)
+        self._check_clock(time)
 
     def _blamed(self, error: BaseException, when: str, time: float) -> None:
         """Raise an exception of the user's code as a ControllerError.
@@ -194,7 +194,7 @@ class _Hook:
         # an adapter, or the watch over the step, has given it a message
         if isinstance(error, ControllerError) and not isinstance(error, RefusedCallError):
             raise with_time(error, when) from error
-        self._check_clock(self._world, time)  # raises the message of a refused call
+        self._check_clock(time)  # raises the message of a refused call
         raise ControllerError(f"The ADS raised {when}: {said(error)}.") from error
 
     def step(self, world: World, time: float) -> None:
@@ -270,7 +270,7 @@ class _Hook:
                 f"{time:.2f} s."
             )
         if not GUARD.shared:
-            self._check_clock(self._world, time)
+            self._check_clock(time)
         late = self._actuation.late(took)
         # after the first step, SUMO continues to move an ego whose command is late
         if answer is None or (late and self._world.steps and self.motion.flags[PLACED] == SUMO):

@@ -200,7 +200,7 @@ class OneEach(Policies):
 
     def _check(self, world: World, time: float) -> None:
         """Check SUMO's clock where the policy has the simulation to itself."""
-        error = error_of(self._check_clock, world, time) if self._alone else None
+        error = error_of(self._check_clock, time) if self._alone else None
         if error is not None:
             world.fail(0, "ads_error", str(error))
 

@@ -16,13 +16,19 @@ Users: `cosim/ego_control.py`, `cosim/ego_motion.py`, `cosim/loop.py`, `cosim/on
 import math
 from collections.abc import Sequence
 from contextlib import suppress
+from functools import partial
 from itertools import compress
 from struct import Struct
 from typing import Any
 
 import numpy as np
 
-from sumo_eval.cosim.doors.traci_module import GUARD
+from sumo_eval.cosim.discrepancies import (
+    check_clock,
+    fail_misplaced,
+    may_leave_sumo,
+    note_leaving,
+)
 from sumo_eval.cosim.impossible import FARTHEST, FASTEST, LOSS_MARGIN, LOWEST_SPEED, impossible
 from sumo_eval.cosim.records import STRAIGHT
 from sumo_eval.cosim.sumo.insides import simulation_step, simulation_time, vehicles
@@ -30,8 +36,8 @@ from sumo_eval.cosim.sumo.session import bend_tolerance, check_start
 from sumo_eval.cosim.sumo.shared_files import suffix, vehicle_names
 from sumo_eval.cosim.sumo.sumo_files import departure_speed
 from sumo_eval.cosim.world import World
-from sumo_eval.errors import ControllerError, SimulationError
-from sumo_eval.scenario.concrete import Road
+from sumo_eval.errors import SimulationError
+from sumo_eval.scenario.concrete import ConcreteScenario
 from sumo_eval.trajectory import Alone, IntArray
 
 # Speed modes of SUMO, sets of bits. Bits 1 and 2 (2 + 4): limits of acceleration and deceleration
@@ -42,7 +48,6 @@ EGO_SPEED_MODE = 6
 EXACT_SPEED_MODE = 32
 LEFT_BATCH = Alone("left_batch")
 CHECKED_EVERY = 10  # steps
-_CLOCK_TOLERANCE = 1e-4  # s; SUMO counts in milliseconds
 ASIDE = -500.0  # m, y of a hidden vehicle
 # place, m, angle, deg, and speed, m/s, of a vehicle that has left SUMO, once that is recorded
 _NOT_THERE = (0.0, 0.0, STRAIGHT, 0.0)
@@ -69,11 +74,11 @@ class Stage:
         cases = world.cases
         self.calls = vehicles(traci)
         self.step = simulation_step(traci)
-        self._clock = simulation_time(traci)
+        # raises ControllerError if an ADS has touched SUMO's clock by this time, s
+        self.check_clock = partial(check_clock, traci, simulation_time(traci), world.settings.step)
         self.names = vehicle_names(cases, ads_asks=ads_asks)
-        count = len(cases)
         road = cases[0].road
-        self._alone = count == 1
+        self._alone = len(cases) == 1
         self._bent = road.bent
         self._road = road
         self._step = world.settings.step
@@ -86,7 +91,9 @@ class Stage:
         self._to_sumo = 2 if quiet else 1  # as of `move_rows`
         # the speed that SUMO received last, m/s along the line, by vehicle
         self._received_speeds: dict[str, float] = {}
-        self._address(road, count)
+        self._edges, self._lane, self._keep_route = _addresses(
+            cases, ads_asks=ads_asks, as_read=as_read
+        )
         actors = [name for names in self.names for name in names[1:]]
         fronts = world.others[["front_x", "front_y"]]
         world.shown[:, :, 0], world.shown[:, :, 1] = fronts["front_x"], fronts["front_y"]
@@ -100,23 +107,6 @@ class Stage:
         )  # fmt: skip
         self._on_map = set(compress(actors, on_map))
         self.keep(world)
-
-    def _address(self, road: Road, count: int) -> None:
-        """Choose the edge, lane and `keepRoute` that moveToXY receives.
-
-        SUMO has to look for the lane of a place in a user's network, which has several edges, and
-        where an ADS may move a vehicle to any lane. Alone, it also looks for the edge.
-
-        count: number of cases.
-        """
-        finds_lane = road.network is not None or self.as_read
-        any_edge = finds_lane and self._alone
-        self._edges = [
-            "" if any_edge else f"road{suffix(case, count, ads_asks=self.ads_asks)}"
-            for case in range(count)
-        ]
-        self._lane = -1 if finds_lane else 0  # -1: SUMO looks for the lane
-        self._keep_route = _ANY_ROAD if any_edge else _OWN_ROAD
 
     def keep(self, world: World) -> None:
         """Keep only the rows that the world still has, in its order."""
@@ -172,27 +162,6 @@ class Stage:
         tenth step.
         """
         return not self.as_read and (steps == 0 or (steps + 1) % CHECKED_EVERY == 0)
-
-    def check_clock(self, world: World, time: float) -> None:
-        """Raise ControllerError if the ADS has stepped or closed the simulation, or if the guard
-        has refused one of its calls: the ADS may have caught that exception.
-        """
-        if GUARD.refusal is not None:
-            deed, reason = GUARD.refusal
-            raise ControllerError(f"{deed} at {time:.2f} s; {reason}.")
-        try:
-            now = self._clock()
-        except (self.traci.TraCIException, self.traci.FatalTraCIError) as error:
-            raise ControllerError(
-                f"The ADS closed the simulation at {time:.2f} s; that is the harness's."
-            ) from error
-        # SUMO's clock is ahead by the step that inserted the vehicles
-        ahead = now - time - self._step
-        if abs(ahead) > _CLOCK_TOLERANCE:
-            raise ControllerError(
-                f"The ADS moved SUMO's clock by {ahead:+.2f} s at {time:.2f} s; stepping is the "
-                "harness's."
-            )
 
     def _move(self, number: int, x: float, y: float, angle: float, speed: float) -> None:
         """Put the front bumper of a vehicle where it is on the map at the step's end.
@@ -333,7 +302,7 @@ class Stage:
                     present[row, j] = 0
                     self._names = []
                     self.speeds.pop(name, None)
-                    self._note_leaving(world, row, j)
+                    note_leaving(world, row, j)
                 except SimulationError:
                     if self._alone:
                         raise
@@ -356,32 +325,9 @@ class Stage:
         if near and 0.0 <= angle <= 360.0 and LOWEST_SPEED < speed < FASTEST:
             self.fronts[name], self.speeds[name] = front, speed
             return x, y, angle, speed
-        if self._may_leave(world, row, j):  # SUMO shows such values of a vehicle on no lane
+        if may_leave_sumo(world, row, j):  # SUMO shows such values of a vehicle on no lane
             raise self.traci.TraCIException(name)
         raise impossible(calls, name, (last_x, last_y), world.time + self._step)
-
-    def _note_leaving(self, world: World, row: int, other: int) -> None:
-        """Record an actor that left the network; raise ControllerError if the ADS removed it."""
-        case = world.case_of(row)
-        now = world.time + self._step
-        actor = world.cases[case].actors[other]
-        left_itself = actor.model or self._may_leave(world, row, other)
-        if not left_itself and world.each[case].conditions.interference == "refuse":
-            raise ControllerError(
-                f"The ADS removed vehicle `{actor.name}` before {now:.2f} s; it may change only "
-                'its own vehicle (`interference = "record"` permits more, and counts it).'
-            )
-        world.note(case, "actor_left_the_network", now, now)
-
-    def _may_leave(self, world: World, row: int, other: int) -> bool:
-        """Whether an actor may leave SUMO by itself: its script has brought its front bumper beyond
-        the last lane, or a SUMO model drives it, which may have begun beside the lanes.
-        """
-        body = world.others[row, other]
-        return bool(
-            body["x"] + 0.5 * body["length"] > world.end_of_lanes
-            or world.players.plays["model"][row, other]
-        )
 
     def compare(self, world: World) -> None:
         """Fail the cases in which SUMO shows a vehicle elsewhere than it received it."""
@@ -398,23 +344,11 @@ class Stage:
         ):
             if not math.hypot(shown_x - x, shown_y - y) <= tolerance:  # `not`: finds a nan as well
                 row, column = divmod(number, self._width)
-                self._fail(
+                fail_misplaced(
                     world, row, column,
                     f"put the front bumper of {{}} at ({shown_x:.3f}, {shown_y:.3f}) m "
-                    f"instead of ({x:.3f}, {y:.3f}) m.",
+                    f"instead of ({x:.3f}, {y:.3f}) m.", ads_asks=self.ads_asks,
                 )  # fmt: skip
-
-    def _fail(self, world: World, row: int, vehicle: int, words: str) -> None:
-        """Fail a case in which SUMO shows a vehicle at another place; it is the ADS's fault if its
-        calls moved the ego.
-
-        vehicle: 0 the ego, then the actors.
-        words: of the message after "SUMO", with {} for the vehicle.
-        """
-        actors = world.cases[world.case_of(row)].actors
-        subject = f"vehicle `{actors[vehicle - 1].name}`" if vehicle else "the ego"
-        by_ads = self.ads_asks and self._alone and GUARD.moved and not vehicle
-        world.fail(row, "ads_error" if by_ads else "sim_error", f"SUMO {words.format(subject)}")
 
     def remove(self, world: World, row: int, shadows: Sequence[str] = ()) -> None:
         """Remove the vehicles of a case that has ended from its batch, and their shadows."""
@@ -423,3 +357,23 @@ class Stage:
         for name in (*self.names[world.case_of(row)], *shadows):
             with suppress(self.traci.TraCIException):  # SUMO may have removed it
                 self.traci.vehicle.remove(name)
+
+
+def _addresses(
+    cases: Sequence[ConcreteScenario], *, ads_asks: bool, as_read: bool
+) -> tuple[list[str], int, int]:
+    """Arguments of moveToXY: the edge of each case, the lane and `keepRoute`.
+
+    SUMO has to look for the lane of a place in a user's network, which has several edges, and
+    where an ADS may move a vehicle to any lane. In a case alone, it also looks for the edge.
+
+    ads_asks, as_read: as of `Stage`.
+    """
+    count = len(cases)
+    finds_lane = cases[0].road.network is not None or as_read
+    any_edge = finds_lane and count == 1
+    edges = [
+        "" if any_edge else f"road{suffix(case, count, ads_asks=ads_asks)}" for case in range(count)
+    ]
+    # lane -1: SUMO looks for it
+    return edges, -1 if finds_lane else 0, _ANY_ROAD if any_edge else _OWN_ROAD

@@ -17,6 +17,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from sumo_eval.cosim.discrepancies import fail_misplaced
 from sumo_eval.cosim.doors.observation import lanes_at
 from sumo_eval.cosim.impossible import FASTEST, LOSS_MARGIN, LOWEST_SPEED, farthest_in
 from sumo_eval.cosim.records import STRAIGHT
@@ -381,7 +382,8 @@ class Traffic(Stage):
                 continue
             off = self.calls.getLanePosition(name) - meant
             if not abs(off) <= _TOLERANCE_IN_A_CURVE:  # `not <=`: true of nan as well
-                self._fail(world, row, j, f"put {{}} {off:.3f} m along its lane from its place.")
+                words = f"put {{}} {off:.3f} m along its lane from its place."
+                fail_misplaced(world, row, j, words, ads_asks=self.ads_asks)
 
     def remove(self, world: World, row: int, shadows: Sequence[str] = ()) -> None:
         """Remove the vehicles of a case that has ended from its batch, and their shadows."""

@@ -11,8 +11,8 @@ impossible number (`cosim/doors/traci_numbers.py`) ends the case either way.
 each ADS of a batch its own case alone.
 
 Users: `cosim/doors/controller.py`, `cosim/doors/kept_state.py`, `cosim/doors/traci_view.py`,
-`cosim/ego_control.py`, `cosim/ego_motion.py`, `cosim/on_traci.py`, `cosim/policies.py`,
-`cosim/simulation.py`, `cosim/stage.py`.
+`cosim/discrepancies.py`, `cosim/ego_control.py`, `cosim/ego_motion.py`, `cosim/on_traci.py`,
+`cosim/policies.py`, `cosim/simulation.py`.
 """
 
 import math
