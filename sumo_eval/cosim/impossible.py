@@ -1,8 +1,8 @@
 """Limits of what SUMO may show of a vehicle. A vehicle beyond them is on no lane, has jumped, or is
 faster than any vehicle.
 
-Users: `ads/foresight.py`, `cosim/ego_control.py`, `cosim/ego_motion.py`, `cosim/loop.py`,
-`cosim/stage.py`, `cosim/step_rules.py`, `cosim/traffic.py`, `cosim/world.py`.
+Users: `ads/foresight.py`, `cosim/ego_control.py`, `cosim/ego_motion.py`, `cosim/lane_places.py`,
+`cosim/loop.py`, `cosim/stage.py`, `cosim/step_rules.py`, `cosim/traffic.py`, `cosim/world.py`.
 """
 
 from typing import Any

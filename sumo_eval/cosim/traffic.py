@@ -13,13 +13,20 @@ Users: `cosim/simulation.py`.
 
 from collections.abc import Sequence
 from math import cos
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
 from sumo_eval.cosim.discrepancies import fail_misplaced
 from sumo_eval.cosim.doors.observation import lanes_at
-from sumo_eval.cosim.impossible import FASTEST, LOSS_MARGIN, LOWEST_SPEED, farthest_in
+from sumo_eval.cosim.impossible import FASTEST, LOWEST_SPEED
+from sumo_eval.cosim.lane_places import (
+    Vehicles,
+    exact_begins,
+    ground_of_lane,
+    inside_lanes,
+    shadow_lanes,
+)
 from sumo_eval.cosim.records import STRAIGHT
 from sumo_eval.cosim.stage import EXACT_SPEED_MODE, Stage
 from sumo_eval.cosim.sumo.session import NOWHERE
@@ -27,27 +34,11 @@ from sumo_eval.cosim.sumo.shared_files import has_shadow, shadow_name
 from sumo_eval.cosim.world import World
 from sumo_eval.scenario.bodies import VULNERABLE
 from sumo_eval.scenario.played import HANDED_OVER
-from sumo_eval.scenario.road.reference_line import curvatures
-from sumo_eval.trajectory import BoolArray, FloatArray, IntArray
+from sumo_eval.trajectory import FloatArray, IntArray
 
 # m by which SUMO's position in a curve may differ: more than `tolerance`, as lanes are polylines
 _TOLERANCE_IN_A_CURVE = 0.1
-# m between a front's position and the position from which SUMO's step leads to the next one: if it
-# is more, the vehicle has turned within the step
-_TURNED = 0.02
 _ITS_OWN_SPEED_MODE = 31  # bits 0 to 4, SUMO's default: all checks of its model are on
-
-
-class _Vehicles(NamedTuple):
-    """Some vehicles of a world, by their numbers: records of all egos and actors, now or before."""
-
-    egos: Any
-    others: Any
-    number: IntArray
-
-    def field(self, name: str) -> FloatArray:
-        """A field of these vehicles, in the order of `number`."""
-        return np.column_stack([self.egos[name], self.others[name]]).ravel()[self.number]
 
 
 class Traffic(Stage):
@@ -77,13 +68,6 @@ class Traffic(Stage):
         self._has_shadow = np.array(self._shadow_of) != ""
         super().keep(world)
 
-    def _ground_of_lane(self, x: Any, y: Any) -> Any:
-        """Metres that a vehicle drives at the offset y for each metre of its lane: 1 - curvature y.
-
-        A lane is as long in SUMO as the road's line.
-        """
-        return 1.0 - curvatures(self._road.line, x) * y
-
     def _hand_over(self, world: World) -> None:
         """Let SUMO drive the actors whose scripts handed them over to a model in the last step."""
         present = (world.others["present"] == 1) & (world.egos["live"] == 1)[:, None]
@@ -109,7 +93,7 @@ class Traffic(Stage):
             x = other["x"]
             y = other["y"]
             lane = int(lanes_at(road, other["y"]))
-            ground = float(self._ground_of_lane(x, y)) if self._bent else 1.0
+            ground = float(ground_of_lane(road, x, y)) if self._bent else 1.0
             # SUMO's position is the position of the front, in metres of the lane
             half = 0.5 * other["length"]
             calls.moveTo(name, f"{self._edge[number]}_{lane}", x + half / ground)
@@ -173,27 +157,34 @@ class Traffic(Stage):
             return
         received = world.tell[:count]
         number = received[:, 0].astype(np.intp)
-        now = _Vehicles(world.egos, world.others, number)
-        before = _Vehicles(world.egos["before"], world.others["before"], number)
+        now = Vehicles(world.egos, world.others, number)
+        before = Vehicles(world.egos["before"], world.others["before"], number)
         # of each vehicle at the step's end: position of its front along the lane, m, y of its
         # front, m, and speed along the road, m/s
         s, y, along = received[:, 5:].T
         heading, half = now.field("heading"), 0.5 * now.field("length")
         self._meant = dict(zip(number.tolist(), s.tolist(), strict=True))
         names = [self._flat[n] for n in number.tolist()]
-        begin = self._begins(names, before, half, s, along)
-        on_lanes = self._on_lanes_from(number, begin, y, heading)
+        # m/s, the speed that SUMO received last; of a vehicle without one, this step's
+        last = [self._received_speeds.get(name, v) for name, v in zip(names, along, strict=True)]
+        # SUMO's step moves a vehicle by the mean of both speeds
+        begin = s - 0.5 * (np.array(last) + along) * self._step
+        if not self._bent:
+            begin = exact_begins(begin, before, half)
+        road = self._road
+        # SUMO has pedestrians and cyclists on no lane
+        on_lanes = inside_lanes(road, begin, y, heading, self._step) & ~self._vulnerable[number]
         # `moveTo` leads no vehicle that was beside the lanes back to its last lane: put such a
         # vehicle on the map
         for k in np.flatnonzero(on_lanes).tolist():
             name = names[k]
             on_lanes[k] = name in self._received_speeds or self.calls.getLaneIndex(name) >= 0
-        lane = lanes_at(self._road, y)
+        lane = lanes_at(road, y)
         # m, half the extent of each body across the road
         across = 0.5 * now.field("width") * np.abs(np.cos(heading))
         across += half * np.abs(np.sin(heading))
         over_line = world.settings.seen_over_line
-        shadow_lane = self._shadow_lanes(now.field("y"), across, lane, over_line)
+        shadow_lane = shadow_lanes(road, now.field("y"), across, lane, over_line)
         shadow_lane[~(on_lanes & self._has_shadow[number])] = -1
         for vehicle, *motion in received[~on_lanes, :5].tolist():
             self._move(int(vehicle), *motion)
@@ -203,56 +194,6 @@ class Traffic(Stage):
         columns = number, lane, shadow_lane, begin, y, along, before.field("speed")
         for values in zip(*(column[on_lanes].tolist() for column in columns), strict=True):
             self._put_on_lane(*values)
-
-    def _begins(
-        self, names: Sequence[str], before: _Vehicles, half: FloatArray, s: FloatArray,
-        along: FloatArray,
-    ) -> FloatArray:  # fmt: skip
-        """Positions of the fronts along the lanes, m, from which SUMO's step leads to `s`.
-
-        half: half the length of each body, m.
-        s, along: position, m, and speed along the road, m/s, at the step's end.
-        """
-        # m/s, the speed that SUMO received last; of a vehicle without one, this step's
-        last = [self._received_speeds.get(name, v) for name, v in zip(names, along, strict=True)]
-        # SUMO's step moves a vehicle by the mean of both speeds
-        begin = s - 0.5 * (np.array(last) + along) * self._step
-        if self._bent:
-            return begin
-        was = before.field("x") + half * np.cos(before.field("heading"))
-        # exactly where the front was, unless the vehicle turns within the step
-        return np.where(np.abs(was - begin) > _TURNED, begin, was)
-
-    def _on_lanes_from(
-        self, number: IntArray, begin: FloatArray, y: FloatArray, heading: FloatArray
-    ) -> BoolArray:
-        """Whether each vehicle can be put on a lane.
-
-        It must not be a pedestrian or cyclist. It must be on the lanes, head in their direction,
-        and be further than a step from the network's end.
-
-        number, begin, y, heading: of each vehicle, as in `tell`.
-        """
-        road = self._road
-        inside = (y > road.right_edge + LOSS_MARGIN) & (y < road.left_edge - LOSS_MARGIN)
-        inside &= (np.cos(heading) > 0.0) & (begin >= 0.0)
-        inside &= begin < road.end - farthest_in(self._step)
-        return np.asarray(inside & ~self._vulnerable[number])
-
-    def _shadow_lanes(
-        self, y: FloatArray, across: FloatArray, lane: IntArray, over_line: float
-    ) -> IntArray:
-        """The neighbouring lane into which each body reaches by more than `over_line`, m; the left
-        one if it reaches into both; -1: none.
-
-        y: of each body's centre, m.
-        across: half the extent of each body across the road, m.
-        lane: of each body's front.
-        """
-        width, lanes = self._road.lane_width, self._road.lanes
-        left = (y + across > width * (lane + 0.5) + over_line) & (lane + 1 < lanes)
-        right = (y - across < width * (lane - 0.5) - over_line) & (lane > 0)
-        return np.where(left, lane + 1, np.where(right, lane - 1, -1))
 
     def _put_on_lane(
         self, number: int, lane: int, shadow_lane: int, begin: float, y: float, along: float,
@@ -354,7 +295,7 @@ class Traffic(Stage):
         speed = shown[:, 3]
         if self._bent:
             # of the front instead of the centre: at a curve's begin x differs by centimetres
-            ground = self._ground_of_lane(front, others["y"][at])
+            ground = ground_of_lane(self._road, front, others["y"][at])
             others["x"][at] = front - half / ground
             others["heading"][at] = 0.0
             speed = speed * ground
