@@ -21,8 +21,6 @@ Users: `cosim/ego_control.py`, `cosim/simulation.py`, `record/recording.py`;
 from __future__ import annotations
 
 import cmath
-import functools
-import tempfile
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -32,6 +30,7 @@ from typing import Any
 
 from sumo_eval.cosim.doors.controller import Adapter, Briefing
 from sumo_eval.cosim.doors.entry import read_query
+from sumo_eval.cosim.doors.fmu_file import open_fmu
 from sumo_eval.cosim.doors.observation import (
     KINDS,
     NO_LEAD_GAP,
@@ -49,11 +48,8 @@ from sumo_eval.errors import (
     check_known,
     did_you_mean,
     must_be,
-    needs_extra,
     said,
-    users_code,
 )
-from sumo_eval.input_file import changed_at, input_file
 from sumo_eval.scenario.units import si_factor
 from sumo_eval.settings import FmuSettings, PlantSettings
 
@@ -113,17 +109,8 @@ class _Fmu:
         optional: _Names, lists: _Names = (),
     ) -> None:  # fmt: skip
         self.path, self._signals = path, signals
-        try:
-            import fmpy
-        except ImportError as error:
-            raise needs_extra("An FMU", "fmu") from error
-        self._library = fmpy
-        input_file(path, "FMU")
-        with users_code(f"FMU {path} cannot be read"):
-            self._folder, model = _unpacked(path, changed_at(path))
-        _check_kind(path.name, model)
+        self._library, self._folder, model = open_fmu(path)
         self.description = model
-        self._check_library()
         # name of a unit of the FMU -> its size in SI units
         self._factors: dict[Any, float] = {
             unit.name: unit.baseUnit.factor for unit in model.unitDefinitions if unit.baseUnit
@@ -136,17 +123,6 @@ class _Fmu:
         self._instance: Any = None
         self.initialized = False
         self._reported = set[str]()  # unknown units that the log of this drive names
-
-    def _check_library(self) -> None:
-        """Refuse an FMU without a library for this platform."""
-        name = self.description.coSimulation.modelIdentifier + self._library.sharedLibraryExtension
-        kind = "platform" if self.description.fmiVersion == "2.0" else "platform_tuple"
-        library = f"binaries/{getattr(self._library, kind)}/{name}"
-        folder = Path(self._folder)
-        libraries = sorted(it.relative_to(folder).as_posix() for it in folder.glob("binaries/*/*"))
-        if library not in libraries:
-            owner = f"FMU `{self.path.name}` for this platform"
-            raise must_be("The library", owner, library, ", ".join(libraries) or "none")
 
     def _variable(self, name: str, key: str) -> Any:
         """The variable of a name in the table `key` of the mapping. Raises InputError for an
@@ -241,7 +217,7 @@ class _Fmu:
         wired = {}
         for output in lists:
             name = wiring.outputs.get(output, output)
-            scalars = self._scalars(name)
+            scalars = _scalars(self._variables, name)
             if name in self._variables:
                 wired[output] = [self._variable(name, "outputs")]
             elif scalars:
@@ -252,15 +228,6 @@ class _Fmu:
                     f"`{output}`; `outputs` must map it.{did_you_mean(name, self._variables)}"
                 )
         return wired
-
-    def _scalars(self, name: str) -> list[Any]:
-        """The variables `NAME[1]`, `NAME[2]`, ..., in the order of their numbers."""
-        numbers = {}  # by name of the variable
-        for full in self._variables:
-            number = full[len(name) + 1 : -1]
-            if full.startswith(f"{name}[") and number.isdecimal():
-                numbers[full] = int(number)
-        return [self._variables[full] for full in sorted(numbers, key=numbers.__getitem__)]
 
     def _output(self, name: str) -> tuple[Any, int]:
         """An output, and the index of the value that is read: `name`, or `name[2]` of an array.
@@ -433,24 +400,6 @@ def _log(*words: Any) -> None:
     print(f"[{_STATUS.get(status, status)}] {(text or b'').decode(errors='replace')}")  # noqa: T201
 
 
-def _check_kind(name: str, model: Any) -> None:
-    """Raise InputError unless an FMU is of a supported version, and for co-simulation.
-
-    name: of the file. model: its description.
-    """
-    if model.fmiVersion not in ("2.0", "3.0"):
-        raise must_be("The FMI version", f"FMU `{name}`", "2.0 or 3.0", model.fmiVersion)
-    if model.coSimulation is None:
-        kinds = {
-            "model exchange": model.modelExchange,
-            "scheduled execution": model.scheduledExecution,
-        }
-        other = " and ".join(kind for kind, interface in kinds.items() if interface)
-        raise InputError(
-            f"FMU `{name}` must be one for co-simulation, got one for {other or 'nothing'}."
-        )
-
-
 def _plain(kind: str, value: Any) -> Any:
     """A value as a type of FMI, whole numbers rounded; None: the type cannot hold it."""
     if kind in _MAKERS:
@@ -468,6 +417,16 @@ def _may_be(variable: Any, key: str) -> bool:
         at_start = variable.initial in ("exact", "approx")
         return at_start and kind not in ("input", "structuralParameter")
     return key == "outputs" or kind == "input" or variable.variability == "tunable"
+
+
+def _scalars(variables: Mapping[str, Any], name: str) -> list[Any]:
+    """The variables `NAME[1]`, `NAME[2]`, ..., in the order of their numbers."""
+    numbers = {}  # by name of the variable
+    for full in variables:
+        number = full[len(name) + 1 : -1]
+        if full.startswith(f"{name}[") and number.isdecimal():
+            numbers[full] = int(number)
+    return [variables[full] for full in sorted(numbers, key=numbers.__getitem__)]
 
 
 def _count(variable: Any) -> int | None:
@@ -634,20 +593,3 @@ def _number(text: str | float) -> float | str:
         return float(text)
     except ValueError:
         return str(text).strip("\"'")
-
-
-_unpack_folders: list[tempfile.TemporaryDirectory[str]] = []  # removed when the process ends
-
-
-@functools.lru_cache(maxsize=16)
-def _unpacked(path: Path, _changed: int) -> tuple[str, Any]:
-    """The folder into which an FMU was unpacked, once a process, and its model description.
-
-    _changed: time of its last change, so that a changed file is unpacked again.
-    """
-    import fmpy
-
-    folder = tempfile.TemporaryDirectory(prefix="sumo_eval_fmu_")
-    _unpack_folders.append(folder)
-    fmpy.extract(str(path), unzipdir=folder.name)
-    return folder.name, fmpy.read_model_description(str(path))
