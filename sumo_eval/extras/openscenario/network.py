@@ -204,7 +204,8 @@ def _road(element: Node, name: str) -> MapRoad:
     shift = lane_offset(element.element, owner, length, flat=True)
     lanes = [_lanes(it, shift, length) for it in sections]
     if not lanes or lanes.count(lanes[0]) < len(lanes):
-        raise element.fault(f"it must have one <laneSection>, got {len(sections)}")
+        must = "its lanes must be the same in every <laneSection>: lanes that begin, end or change"
+        raise element.fault(f"{must} are not supported (got {len(sections)} sections)")
     heights, *tilts = (cubics_of(element.all(it), "s", Node.number) for it in PROFILES)
     level = constant(heights, length) and constant([(0.0, 0.0), *chain(*tilts)], length)
     widths = [it.width for it in lanes[0].values() if it.kind in DRIVEN]
