@@ -19,7 +19,8 @@ from tables import in_campaign
 
 import sumo_eval
 from sumo_eval.evaluation import zone_partitions
-from sumo_eval.record.store import FORMAT_VERSION, open_store
+from sumo_eval.record.facts_file import FORMAT_VERSION
+from sumo_eval.record.store import open_store
 from sumo_eval.report.html import write_report
 from sumo_eval.report.notes import score_note
 from sumo_eval.report.tables import scores_json, write_tables

@@ -26,8 +26,9 @@ from sumo_eval.errors import InputError, check_known, needs_extra
 from sumo_eval.frozen import frozen
 from sumo_eval.input_file import taking_apart, writing
 from sumo_eval.record import run_folder
+from sumo_eval.record.case_rows import Fact
 from sumo_eval.record.cases import Role
-from sumo_eval.record.store import Fact, Store, open_store
+from sumo_eval.record.store import Store, open_store
 from sumo_eval.text import cell, each_text, from_cell
 from sumo_eval.trajectory import CHANNELS, Trajectory
 

@@ -2,8 +2,8 @@
 
 The process that drives a case makes the bytes, so that the process that collects cases need not.
 
-Users: `extras/studies/trials.py`, `record/cases.py`, `record/claims.py`, `record/recording.py`,
-`record/store.py`, `record/worker.py`.
+Users: `extras/studies/trials.py`, `record/case_rows.py`, `record/cases.py`, `record/claims.py`,
+`record/recording.py`, `record/store.py`, `record/worker.py`.
 """
 
 import struct

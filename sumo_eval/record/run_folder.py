@@ -19,10 +19,11 @@ from typing import Any
 
 from sumo_eval.errors import InputError
 from sumo_eval.input_file import sha256, write_whole, writing
+from sumo_eval.record.facts_file import FORMAT_VERSION
 from sumo_eval.record.lock import LOCK, held_folder
 from sumo_eval.record.qualification import read_qualification
 from sumo_eval.record.sealed import read_sealed, sealed
-from sumo_eval.record.store import FACTS, FORMAT_VERSION, Store
+from sumo_eval.record.store import FACTS, Store
 from sumo_eval.record.trust import code_of, is_remembered, refuse_foreign_code, trust_code
 from sumo_eval.scenario.concrete import ConcreteScenario
 from sumo_eval.scenario.resolved import Resolved

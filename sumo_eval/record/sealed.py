@@ -4,7 +4,7 @@ file is noticed. For `record.run_folder`.
 The hash shows a careless edit, a flipped bit and a file that was cut off. It does not show a
 forgery: a program that can write the file can also write a hash that fits.
 
-Users: `record/run_folder.py`, `record/store.py`.
+Users: `record/facts_file.py`, `record/run_folder.py`.
 """
 
 import json

@@ -11,7 +11,8 @@ import numpy as np
 
 from sumo_eval.cases import CaseResult
 from sumo_eval.method.plausibility import Quantiles
-from sumo_eval.record.store import Fact, Store
+from sumo_eval.record.case_rows import Fact
+from sumo_eval.record.store import Store
 from sumo_eval.report.words import cause_words, count, percent
 from sumo_eval.results import Evaluation
 from sumo_eval.scenario.logical import LogicalScenario

@@ -19,7 +19,8 @@ from sumo_eval.method.collision_avoidance import SMALLEST_OVERLAP
 from sumo_eval.method.point_criticality import criticality
 from sumo_eval.method.score_terms import worth
 from sumo_eval.method.zone_partition import ZonePartition
-from sumo_eval.record.store import Fact, Store, open_store
+from sumo_eval.record.case_rows import Fact
+from sumo_eval.record.store import Store, open_store
 from sumo_eval.report.driving_words import driving_words
 from sumo_eval.report.notes import because, index_note_words, notes_sentence
 from sumo_eval.report.score_words import explain_s, explain_s_plus, not_computed, reason_without

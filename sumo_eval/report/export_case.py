@@ -12,7 +12,8 @@ from sumo_eval.cosim.doors.entry import made_absolute
 from sumo_eval.cosim.openscenario import opendrive_xml, openscenario_xml
 from sumo_eval.cosim.sumo.sumo_files import case_files
 from sumo_eval.record import run_folder
-from sumo_eval.record.store import Fact, open_store
+from sumo_eval.record.case_rows import Fact
+from sumo_eval.record.store import open_store
 from sumo_eval.report.explain import known_case
 from sumo_eval.report.page import write_csv, write_page
 from sumo_eval.scenario.catalogue import is_file

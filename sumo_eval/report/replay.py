@@ -9,8 +9,9 @@ from pathlib import Path
 import numpy as np
 
 from sumo_eval.errors import InputError, unknown
+from sumo_eval.record.case_rows import Fact
 from sumo_eval.record.cases import Role
-from sumo_eval.record.store import EGO, Fact, Store, open_store
+from sumo_eval.record.store import EGO, Store, open_store
 from sumo_eval.report.explain import known_case
 from sumo_eval.report.page import Json, packed_json, write_filled
 from sumo_eval.report.page_data import drawn_bodies, drawn_road

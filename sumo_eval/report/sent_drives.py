@@ -18,8 +18,9 @@ import numpy as np
 
 from sumo_eval.case_table import CaseTable
 from sumo_eval.cases import CaseResult
+from sumo_eval.record.case_rows import Fact
 from sumo_eval.record.cases import Role
-from sumo_eval.record.store import EGO, Fact, Store, open_store
+from sumo_eval.record.store import EGO, Store, open_store
 from sumo_eval.report.page import LEVEL, Json, packed_bytes
 from sumo_eval.scoring.contact_cause import cause_of_contact
 from sumo_eval.trajectory import BoolArray, Collision, FloatArray, Trajectory

@@ -7,7 +7,7 @@ Users: `report/levers_section.py`, `report/replay.py`, `report/sent_drives.py`, 
 
 from typing import NamedTuple
 
-from sumo_eval.record.store import Fact
+from sumo_eval.record.case_rows import Fact
 from sumo_eval.trajectory import NEVER, NO_RETURN, UNKNOWN
 
 

@@ -19,9 +19,10 @@ from sumo_eval.method.compared_drives import first_samples
 from sumo_eval.method.driving_task import asked_way, clean_references, misses, times_at
 from sumo_eval.method.measures import STANDING, course_of
 from sumo_eval.method.plausibility import Quantiles, extremes_of, least_plausible
+from sumo_eval.record.case_rows import Fact
 from sumo_eval.record.human_reference import PointJob, compute_points
 from sumo_eval.record.kept_results import KeptResults
-from sumo_eval.record.store import EGO, Fact, Store
+from sumo_eval.record.store import EGO, Store
 from sumo_eval.results import Evaluation
 from sumo_eval.scenario.concrete import Road
 from sumo_eval.scenario.logical import LogicalScenario

@@ -41,9 +41,10 @@ from sumo_eval.method.measures import (
     measures,
 )
 from sumo_eval.method.plausibility import EXTREMES, Quantiles, extremes_of, plausibility
+from sumo_eval.record.case_rows import Fact
 from sumo_eval.record.fingerprint import sources, space_key
 from sumo_eval.record.kept_results import key_of
-from sumo_eval.record.store import EGO, Fact, Store, open_store
+from sumo_eval.record.store import EGO, Store, open_store
 from sumo_eval.scenario.concrete import Road, Way
 from sumo_eval.scoring.space import ScenarioRun
 from sumo_eval.trajectory import FloatArray, Trajectories, Trajectory

@@ -24,9 +24,10 @@ from sumo_eval.groups import evenly_spread, grouped
 from sumo_eval.method.collision_avoidance import collision_weight
 from sumo_eval.method.manoeuvres import words
 from sumo_eval.method.zone_partition import ZonePartition
+from sumo_eval.record.case_rows import Fact
 from sumo_eval.record.human_reference import LeftOut, PointJob, PointResults, compute_points
 from sumo_eval.record.kept_results import key_of
-from sumo_eval.record.store import RECORDED, Fact
+from sumo_eval.record.store import RECORDED
 from sumo_eval.scenario.sampling.samples import Sample, sample_of
 from sumo_eval.score_notes import Counted, ScoreNote, ThinReferences
 from sumo_eval.scoring.confidence.drivers import exchanges

@@ -26,8 +26,8 @@ from sumo_eval.method.plausibility import Quantiles
 from sumo_eval.method.score_terms import worth
 from sumo_eval.method.severity import Severity
 from sumo_eval.method.zone_partition import ZonePartition, boundary_error
+from sumo_eval.record.case_rows import Fact
 from sumo_eval.record.cases import IN_BLOCK, Role
-from sumo_eval.record.store import Fact
 from sumo_eval.results import NotComputed, ScenarioResult, ZoneResult
 from sumo_eval.scenario.logical import LogicalScenario
 from sumo_eval.scenario.sampling.samples import Sample

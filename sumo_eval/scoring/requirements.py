@@ -13,7 +13,8 @@ import numpy as np
 from sumo_eval.case_table import CaseTable
 from sumo_eval.cases import EVALUATED
 from sumo_eval.method.measures import course_of
-from sumo_eval.record.store import EGO, Fact
+from sumo_eval.record.case_rows import Fact
+from sumo_eval.record.store import EGO
 from sumo_eval.results import ScenarioResult
 from sumo_eval.scenario.concrete import Road
 from sumo_eval.scenario.logical import LogicalScenario

@@ -8,11 +8,12 @@ from pathlib import Path
 from typing import NamedTuple
 
 from sumo_eval.method.severity import Severity
+from sumo_eval.record.case_rows import Fact
 from sumo_eval.record.cases import Role
 from sumo_eval.record.kept_results import KeptResults
 from sumo_eval.record.progress import Progress
 from sumo_eval.record.spread import Spread
-from sumo_eval.record.store import Fact, Store
+from sumo_eval.record.store import Store
 from sumo_eval.scenario.logical import LogicalScenario
 from sumo_eval.scenario.sampling.samples import Sample
 from sumo_eval.settings import EvaluationSettings, MethodSettings, ScenarioSettings

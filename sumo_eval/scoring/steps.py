@@ -19,13 +19,14 @@ from sumo_eval.drivers.recorded.exposure import exposure_of
 from sumo_eval.errors import InputError
 from sumo_eval.method.plausibility import Quantiles
 from sumo_eval.method.severity import Severity
+from sumo_eval.record.case_rows import Fact
 from sumo_eval.record.human_reference import LeftOut
 from sumo_eval.record.kept_results import KeptResults
 from sumo_eval.record.points import choose_points, kept_zones
 from sumo_eval.record.progress import Progress
 from sumo_eval.record.scenario_files import is_edited
 from sumo_eval.record.spread import Spread
-from sumo_eval.record.store import Fact, Store
+from sumo_eval.record.store import Store
 from sumo_eval.results import ScenarioResult, ZoneResult
 from sumo_eval.scenario.logical import LogicalScenario
 from sumo_eval.scenario.resolved import Resolved

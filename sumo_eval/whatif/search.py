@@ -16,12 +16,12 @@ from typing import NamedTuple
 from sumo_eval.cases import EVALUATED
 from sumo_eval.errors import InputError, check_known, unknown
 from sumo_eval.frozen import frozen
+from sumo_eval.record.case_rows import Fact
 from sumo_eval.record.cases import Case, Outcome, Setup
 from sumo_eval.record.engines import run_cases
 from sumo_eval.record.progress import Progress, quiet
 from sumo_eval.record.run_folder import read_exposures, resolved_run
 from sumo_eval.record.scenario_files import is_edited
-from sumo_eval.record.store import Fact
 from sumo_eval.whatif.levers import Lever, first_values, levers_of, moved
 
 _WITHOUT_EFFECT = {

@@ -3,7 +3,8 @@ machine wrote it."""
 
 import sqlite3
 
-from sumo_eval.record.store import Store, _hash
+from sumo_eval.record.case_rows import hash_of
+from sumo_eval.record.store import Store
 
 
 def edit(path, change, *, hashes=False):
@@ -19,7 +20,7 @@ def edit(path, change, *, hashes=False):
                 'SELECT * FROM circumstances WHERE "case" = ?', fact[:1]
             ).fetchall()
             query = 'SELECT vehicle, data FROM trajectories WHERE "case" = ? ORDER BY vehicle'
-            found = _hash(fact, beside[:-1], connection.execute(query, fact[:1]).fetchall())
+            found = hash_of(fact, beside[:-1], connection.execute(query, fact[:1]).fetchall())
             connection.execute(
                 'UPDATE circumstances SET hash = ? WHERE "case" = ?', (found, fact[0])
             )

@@ -16,8 +16,9 @@ from refusals import refusal
 
 import sumo_eval
 from sumo_eval.record.exchange import _to_parquet, export
+from sumo_eval.record.facts_file import FORMAT_VERSION
 from sumo_eval.record.run_folder import read_exposures, write_exposures
-from sumo_eval.record.store import FORMAT_VERSION, open_store
+from sumo_eval.record.store import open_store
 from sumo_eval.report.tables import write_tables
 from sumo_eval.settings.toml_file import read_toml
 

@@ -15,8 +15,9 @@ from road_scenes import at_values
 
 from sumo_eval.errors import InputError
 from sumo_eval.record.cases import Case, Outcome
+from sumo_eval.record.facts_file import FORMAT_VERSION
 from sumo_eval.record.kept import packed, unpack
-from sumo_eval.record.store import FORMAT_VERSION, open_store
+from sumo_eval.record.store import open_store
 from sumo_eval.trajectory import CHANNELS, Clip, Collision, Latency, Recording, Trajectory
 
 

@@ -37,7 +37,7 @@ from sumo_eval.extras.rates.intervals import LEVEL, Limits, rate_interval
 from sumo_eval.extras.studies.trials import Trials
 from sumo_eval.frozen import frozen, required
 from sumo_eval.method.collision_avoidance import collision_loss, impact_severity
-from sumo_eval.record.store import Fact
+from sumo_eval.record.case_rows import Fact
 from sumo_eval.scenario.logical import LogicalScenario, Occurrence
 from sumo_eval.scenario.resolved import find_with, refuse_doubles
 from sumo_eval.settings import AdsSettings, RunSettings, SimulationSettings

@@ -17,6 +17,7 @@ from sumo_eval.cli.stopping import stop_on_signal
 from sumo_eval.errors import InputError, StoppedError
 from sumo_eval.frozen import frozen
 from sumo_eval.record import loops
+from sumo_eval.record.case_rows import Fact
 from sumo_eval.record.cases import Case, Outcome, Setup
 from sumo_eval.record.engines import identify
 from sumo_eval.record.identity import harness_identity, with_fingerprint
@@ -24,7 +25,7 @@ from sumo_eval.record.kept import keep
 from sumo_eval.record.lock import held_folder
 from sumo_eval.record.reads import OneVersion
 from sumo_eval.record.recording import Recorder, RoleCases, find_stale
-from sumo_eval.record.store import Fact, Store
+from sumo_eval.record.store import Store
 from sumo_eval.scenario.logical import LogicalScenario
 from sumo_eval.trajectory import FloatArray, Recording
 

@@ -15,8 +15,9 @@ from sumo_eval.errors import InputError, check_known, must_be
 from sumo_eval.extras.wheel.quality import QualitySettings
 from sumo_eval.frozen import frozen, required
 from sumo_eval.groups import grouped
+from sumo_eval.record.case_rows import Fact
 from sumo_eval.record.run_folder import resolved_run
-from sumo_eval.record.store import Fact, open_store
+from sumo_eval.record.store import open_store
 from sumo_eval.scenario.concrete import ConcreteScenario
 from sumo_eval.settings.checked import (
     Checked,
