@@ -243,7 +243,7 @@ class Stage:
         """
         calls = self.calls
         values: list[float] = []
-        for name in self._names or self._find_names(world):
+        for name in self._names or self._find_names():
             try:
                 front = calls.getPosition(name)
                 angle = calls.getAngle(name)
@@ -275,17 +275,21 @@ class Stage:
                 rows.append(row)
         return rows
 
-    def _find_names(self, world: World) -> list[str]:
+    def _find_names(self) -> list[str]:
         """Names of the egos and of the actors that are present, in rows that have not ended."""
-        # whether each vehicle is there, (live rows, 1 + m): the ego, in the first column, always is
-        is_there = np.insert(world.others["present"][self._live] == 1, 0, True, axis=1)
-        numbers = self._live[:, None] * self._width + np.arange(self._width)
-        self._numbers = numbers[is_there]
+        present = self._present
+        numbers = [
+            row * self._width + column
+            for row in self._live.tolist()
+            for column in range(self._width)
+            if not column or present[row, column - 1]  # column 0: the ego
+        ]
+        self._numbers = np.array(numbers)
         self._odd = np.zeros_like(self._numbers)
         self._values = np.empty((len(self._numbers), 4))  # as in `World.shown`
         # writes numbers into an array: faster than `np.array` of a list, for few and for many
         self._pack: Any = Struct(f"{self._values.size}d").pack_into
-        self._names = [self._flat[number] for number in self._numbers.tolist()]
+        self._names = [self._flat[number] for number in numbers]
         return self._names
 
     def read(self, world: World) -> None:

@@ -360,24 +360,27 @@ def _read_actor(last: FloatArray, shown: FloatArray) -> bool:
 
 
 @rows
-def read_rows(scenes: Scenes, scenario: Records, numbers: Any, read: FloatArray, odd: Any) -> int:
+def read_rows(
+    egos: Records, last: FloatArray, scenario: Records, numbers: Any, read: FloatArray, odd: Any
+) -> int:
     """Take in vehicles as SUMO shows them; return how many remain to be read one by one.
 
     These are egos that `_read_ego` does not take in, such as all that SUMO does not move, and
     actors whose motion is impossible.
 
+    last: of each actor, as of `_read_actor`, (n, m, 4).
     numbers: of the vehicles, as in `tell` of `move_rows`.
     read: what SUMO shows of each, as `shown` of `_read_ego`, (k, 4).
     odd: receives the numbers of the vehicles that remain.
     """
     remaining = 0
-    width = 1 + scenes.shown.shape[1]  # vehicles of a row
+    width = 1 + last.shape[1]  # vehicles of a row
     for k, number in enumerate(numbers):
         row, j = number // width, number % width
         if j > 0:
-            is_read = _read_actor(scenes.shown[row, j - 1], read[k])
+            is_read = _read_actor(last[row, j - 1], read[k])
         else:
-            is_read = _read_ego(scenes.egos[row], read[k], scenario[first_of(scenario, row)])
+            is_read = _read_ego(egos[row], read[k], scenario[first_of(scenario, row)])
         if not is_read:
             odd[remaining] = number
             remaining += 1

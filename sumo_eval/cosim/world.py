@@ -164,7 +164,7 @@ class World:
         # without a call: compiled or loaded here, not within a timed step
         _code(move_rows, self.cast, self.clips, self.tell, self.scenario, 0, 0)
         _code(see_rows, self.scenes, self.scenario, self.cast.line, 0, 0, 0)
-        _code(read_rows, self.scenes, self.scenario, self.rows, self.tell, self.rows)
+        _code(read_rows, self.egos, self.shown, self.scenario, self.rows, self.tell, self.rows)
         _run(wake_rows, self.cast, 0.0, 0.0)
         _run(begin_rows, self.cast, self.seen, self.samples, self.scenario)
 
@@ -250,7 +250,8 @@ class World:
 
     def read(self, numbers: IntArray, read: FloatArray, odd: IntArray) -> int:
         """Take in what SUMO shows of vehicles, as in `read_rows`."""
-        return int(_CODES[read_rows](self.scenes, self.scenario, numbers, read, odd))
+        code = _CODES[read_rows]
+        return int(code(self.egos, self.shown, self.scenario, numbers, read, odd))
 
     def received(self, end: float) -> FloatArray:
         """Vehicles that SUMO received in this step and has a lane for, as in `received_rows`."""
