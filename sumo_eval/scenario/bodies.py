@@ -5,7 +5,7 @@ the project's own, a child's those of Euro NCAP's child target (EPTc), rounded. 
 give others.
 
 Users: `ads/foresight.py`, `cosim/`, `report/page_data.py`, `scenario/`,
-`extras/openscenario/moments.py`.
+`extras/openscenario/drive_numbers.py`.
 """
 
 import math

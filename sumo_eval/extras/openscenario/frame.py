@@ -2,8 +2,8 @@
 
 `scene` makes the frame and places every entity in it.
 
-Users: `extras/openscenario/logical.py`, `extras/openscenario/moments.py`,
-`extras/openscenario/moves.py`, `extras/openscenario/scene.py`.
+Users: `extras/openscenario/drive_numbers.py`, `extras/openscenario/logical.py`,
+`extras/openscenario/moments.py`, `extras/openscenario/moves.py`, `extras/openscenario/scene.py`.
 """
 
 import math

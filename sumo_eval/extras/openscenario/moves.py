@@ -20,6 +20,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from sumo_eval.errors import InputError
+from sumo_eval.extras.openscenario.drive_numbers import constant, of_vehicle, operation
 from sumo_eval.extras.openscenario.frame import ORIGIN, SAME, Frame
 from sumo_eval.extras.openscenario.moments import (
     AT_ONCE,
@@ -27,11 +28,8 @@ from sumo_eval.extras.openscenario.moments import (
     Moment,
     Past,
     Span,
-    constant,
     from_time,
     implied,
-    of_vehicle,
-    operation,
 )
 from sumo_eval.extras.openscenario.network import ON, Lane, MapRoad, in_frame
 from sumo_eval.extras.openscenario.places import Entity, MapPath, Places, UnplacedError

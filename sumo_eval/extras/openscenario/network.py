@@ -2,7 +2,7 @@
 
 `scene` reads the file; `places` and `frame` find places on its roads.
 
-Users: `extras/openscenario/frame.py`, `extras/openscenario/moments.py`,
+Users: `extras/openscenario/drive_numbers.py`, `extras/openscenario/frame.py`,
 `extras/openscenario/moves.py`, `extras/openscenario/places.py`, `extras/openscenario/scene.py`.
 """
 

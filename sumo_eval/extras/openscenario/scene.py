@@ -23,13 +23,13 @@ from sumo_eval.cosim.openscenario import CASE, exported_case
 from sumo_eval.errors import InputError
 from sumo_eval.extras.openscenario.catalogs import Catalogs, named_file
 from sumo_eval.extras.openscenario.conformity import IGNORED
+from sumo_eval.extras.openscenario.drive_numbers import operation
 from sumo_eval.extras.openscenario.frame import ORIGIN, Frame, frame_of, framed
 from sumo_eval.extras.openscenario.moments import (
     NEVER,
     Conditions,
     Moment,
     Span,
-    operation,
 )
 from sumo_eval.extras.openscenario.moves import (
     Moves,

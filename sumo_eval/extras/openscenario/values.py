@@ -1,9 +1,9 @@
 """Values in OpenSCENARIO files: literals, `$name` and `${expression}`, and the rules that compare
 them. `reading.Node` uses them for attributes.
 
-Users: `extras/openscenario/earth.py`, `extras/openscenario/moments.py`,
-`extras/openscenario/points.py`, `extras/openscenario/reading.py`, `extras/openscenario/scene.py`,
-`extras/openscenario/space.py`.
+Users: `extras/openscenario/drive_numbers.py`, `extras/openscenario/earth.py`,
+`extras/openscenario/moments.py`, `extras/openscenario/points.py`,
+`extras/openscenario/reading.py`, `extras/openscenario/scene.py`, `extras/openscenario/space.py`.
 """
 
 import ast
