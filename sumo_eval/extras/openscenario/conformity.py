@@ -1,9 +1,10 @@
 """The elements of OpenSCENARIO that are played, ignored or refused: one list.
 
-`scene` ignores the actions that the list has as ignored; `sumo-eval import --conformity` prints the
-list. All other entries only describe what the readers of this package do.
+The readers ignore the actions that the list has as ignored; `sumo-eval import --conformity` prints
+the list. All other entries only describe what the readers of this package do.
 
-Users: `extras/openscenario/command.py`, `extras/openscenario/scene.py`.
+Users: `extras/openscenario/command.py`, `extras/openscenario/places.py`,
+`extras/openscenario/story.py`.
 """
 
 NAMED = "named with its line"
@@ -144,7 +145,7 @@ ROWS = {
 how it is played, why it is ignored, or how it is refused.
 """
 IGNORED = tuple(ROWS["action", "ignored"])
-"""Actions that move no vehicle here, for `scene`."""
+"""Actions that move no vehicle here."""
 
 
 def table() -> str:

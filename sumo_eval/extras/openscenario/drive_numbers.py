@@ -3,7 +3,7 @@
 A number is a program of `scenario.played` that leaves it on the stack.
 
 Users: `extras/openscenario/moments.py`, `extras/openscenario/moves.py`,
-`extras/openscenario/scene.py`.
+`extras/openscenario/story.py`.
 """
 
 from __future__ import annotations

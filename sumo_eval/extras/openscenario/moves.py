@@ -1,5 +1,5 @@
-"""Actions of a scenario file during the drive, as acts of an actor. `scene` calls them in the order
-of the file.
+"""Actions of a scenario file during the drive, as acts of an actor. `scene` and `story` call them
+in the order of the file.
 
 Interpretations, where the standard leaves a choice or this package supports less:
 
@@ -11,7 +11,7 @@ Interpretations, where the standard leaves a choice or this package supports les
 - The sign of a `rate` is ignored; the target gives the direction.
 
 Users: `extras/openscenario/describe.py`, `extras/openscenario/logical.py`,
-`extras/openscenario/scene.py`.
+`extras/openscenario/scene.py`, `extras/openscenario/starts.py`, `extras/openscenario/story.py`.
 """
 
 import math

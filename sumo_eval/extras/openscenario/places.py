@@ -8,7 +8,8 @@ file with its ego in lane 4 is written so. On a route towards falling s, number 
 keep the signs that they have on the road, but t changes its sign.
 
 Users: `extras/openscenario/drive_numbers.py`, `extras/openscenario/frame.py`,
-`extras/openscenario/moments.py`, `extras/openscenario/moves.py`, `extras/openscenario/scene.py`.
+`extras/openscenario/moments.py`, `extras/openscenario/moves.py`, `extras/openscenario/scene.py`,
+`extras/openscenario/starts.py`.
 """
 
 from __future__ import annotations
@@ -21,6 +22,7 @@ import numpy as np
 
 from sumo_eval.errors import InputError
 from sumo_eval.extras.openscenario.catalogs import Catalogs
+from sumo_eval.extras.openscenario.conformity import IGNORED
 from sumo_eval.extras.openscenario.earth import on_map
 from sumo_eval.extras.openscenario.network import ON, Lane, MapRoad, Network
 from sumo_eval.extras.openscenario.reading import Node
@@ -248,6 +250,12 @@ class Places:
     entities: dict[str, Entity]
     side: float
     ignored: dict[str, None]
+
+    def ignore(self, action: Node) -> None:
+        """Note an action without a meaning here; refuse any other."""
+        if action.tag not in IGNORED:
+            raise action.unsupported()
+        self.ignored[action.tag] = None
 
     def entity(self, name: str, element: Node) -> Entity:
         """An entity by its name; an InputError if the file has none of this name."""

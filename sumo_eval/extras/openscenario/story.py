@@ -1,0 +1,225 @@
+"""The story of a scenario file: its acts, as moves of the actors.
+
+Users: `extras/openscenario/scene.py`.
+"""
+
+from collections.abc import Iterator
+from dataclasses import replace
+from typing import Any, NamedTuple
+
+from sumo_eval.extras.openscenario.conformity import IGNORED
+from sumo_eval.extras.openscenario.drive_numbers import operation
+from sumo_eval.extras.openscenario.moments import NEVER, Conditions, Moment, Span
+from sumo_eval.extras.openscenario.moves import Moves, changes_nothing
+from sumo_eval.extras.openscenario.reading import Node
+from sumo_eval.scenario.played import AND, BELOW, COSINE, KEEP, VALUE, Act
+
+
+def _kinds(holder: Node) -> set[str]:
+    """Tags of the actions in an event or an act that move an entity."""
+    return {action.tag for action in holder.all(".//PrivateAction/*")}.difference(IGNORED)
+
+
+def awaited_names(root: Node) -> set[str]:
+    """Names of the elements whose states a move waits for, directly or through other events."""
+    # of each condition on an element's state: the name of this element, and the names of the event
+    # or act that waits for it, with those around it
+    waits = []
+    names = set()
+    states: Any = root.element.xpath(".//StoryboardElementStateCondition")
+    for state in states:
+        name = str(state.get("storyboardElementRef")).rpartition("::")[2]
+        # the innermost event or act around it, which waits; none in a stop of the storyboard
+        for holder in state.xpath("ancestor::*[self::Event or self::Act][1]"):
+            if _kinds(Node(holder)) or holder.find("ManeuverGroup/CatalogReference") is not None:
+                names.add(name)
+            waits.append((name, _names_around(holder)))
+    # what an awaited element waits for is awaited too; each round follows chains one link further
+    for _ in waits:
+        names |= {name for name, around in waits if around & names}
+    return names
+
+
+def _names_around(element: Any) -> set[str]:
+    """The names of an element, of the elements around it, and of the actions in it."""
+    return set(element.xpath("ancestor-or-self::*/@name | .//Action/@name"))
+
+
+def acts_of(storyboard: Node) -> Iterator[Node]:
+    """Every act of the stories."""
+    for part in storyboard.all("Story"):
+        yield from part.within().all("Act")
+
+
+def delete_at_once(storyboard: Node, conditions: Conditions) -> None:
+    """Mark the entities that are deleted at the start."""
+    for act in acts_of(storyboard):
+        for event in act.all("ManeuverGroup/Maneuver/Event"):
+            deleted = event.all("Action/GlobalAction/EntityAction[DeleteEntityAction]")
+            if not deleted:
+                continue
+            begin = conditions.moment(act, Moment(0.0))
+            begin = conditions.moment(event, begin)
+            if begin.time == NEVER:
+                continue
+            if begin.time > 0.0 or not begin.known:
+                raise event.fault("deleting an entity during the drive is not supported")
+            for part in deleted:
+                conditions.places.referred(part).deleted = True
+
+
+class Story(NamedTuple):
+    """Reader of acts, in the order of the file.
+
+    moves: of the actors, to which the acts add.
+    awaited: names of the elements whose states a move waits for (`awaited_names`).
+    limit: time that the case lasts at most, s.
+    """
+
+    moves: Moves
+    conditions: Conditions
+    awaited: set[str]
+    limit: float
+
+    def read_act(self, act: Node) -> None:
+        """Make moves of an act's events, and let its <StopTrigger> stop them."""
+        begin = self.conditions.moment(act, Moment(0.0))
+        # conditions in the act may ask whether it runs: it is noted before its end is known
+        span = self.conditions.note(act, Span(begin, NEVER))
+        before = [len(entity.acts) for entity in self.moves.actors]
+        over_groups = Span.over(begin, [self._group(it, begin) for it in act.all("ManeuverGroup")])
+        span.end, span.ended = over_groups.end, over_groups.ended
+        stop = act.find("StopTrigger[ConditionGroup]")
+        if not stop:
+            return
+        if before == [len(entity.acts) for entity in self.moves.actors]:  # it has no moves to stop
+            self.moves.places.ignored["StopTrigger"] = None
+            return
+        at = self.conditions.moment(act, Moment(0.0), stop.tag)
+        if not at.known:
+            self._stopped(stop, at, before)
+        elif at.time < min(span.end, self.limit):
+            raise stop.fault("an act that a time stops while an actor moves in it is not supported")
+
+    def _stopped(self, stop: Node, at: Moment, before: list[int]) -> None:
+        """Let a condition stop an act: further moves do not begin, speeds stay as they are.
+
+        at: when the condition holds.
+        before: number of moves of each actor before the act.
+        """
+        # Appended to the program of a move, in postfix: "and has held < 0.5". `latch` gives 1 once
+        # the condition has held, else 0.
+        has_held = *self.conditions.latch(at.program, 0.0), (VALUE, 0, 0, 0.5)
+        and_not_held = (*has_held, operation(BELOW), operation(AND))
+        for entity, count in zip(self.moves.actors, before, strict=True):
+            acts = entity.acts
+            own = [k for k in range(count, len(acts)) if not changes_nothing(acts[k])]
+            # kinds up to COSINE are moves across the road
+            if own and (at.time > 0.0 or any(acts[k].kind <= COSINE for k in own)):
+                raise stop.fault("an act that a condition stops is supported for changes of speed, "
+                                 "without a delay")  # fmt: skip
+            for k in own:
+                if not acts[k].program:
+                    raise stop.fault("an act that a condition stops must begin by one as well")
+                acts[k] = acts[k]._replace(program=(*acts[k].program, *and_not_held))
+            if own:
+                acts.append(Act(KEEP, program=at.program))
+
+    def _group(self, group: Node, begin: Moment) -> Span:
+        """Make moves of a <ManeuverGroup>; return when it runs."""
+        if group.number("maximumExecutionCount", 1.0) != 1.0:
+            raise group.fault("a group of manoeuvres must run once")
+        actors = group.child("Actors")
+        if actors.flag("selectTriggeringEntities"):
+            raise actors.fault("actors that the trigger selects are not supported")
+        names = [part.text("entityRef") for part in actors.all("EntityRef")]
+        parts = [self.moves.places.catalogs.entry(part) for part in group.all("CatalogReference")]
+        parts += [part.within() for part in group.all("Maneuver")]
+        spans = [self._maneuver(part, names, begin) for part in parts]
+        return self.conditions.note(group, Span.over(begin, spans))
+
+    def _maneuver(self, maneuver: Node, names: list[str], begin: Moment) -> Span:
+        """Make moves of a <Maneuver>; return when it runs. names: of its group's entities."""
+        running: list[tuple[Node, Span]] = []
+        for event in maneuver.all("Event"):
+            span = self._event(event, names, begin)
+            for other, earlier in running:
+                self._check_priority(event, span, other, earlier)
+                self._check_priority(other, earlier, event, span)
+            running.append((event, span))
+        return self.conditions.note(maneuver, Span.over(begin, [span for _, span in running]))
+
+    def _check_priority(self, event: Node, span: Span, other: Node, running: Span) -> None:
+        """Refuse an event whose priority would end a running move of its manoeuvre, or would leave
+        out the event itself.
+
+        span: when the event runs.
+        other, running: another event of the manoeuvre, and when it runs.
+        """
+        priority = event.text("priority")
+        skips, kinds, others = priority == "skip", _kinds(event), _kinds(other)
+        # supported: parallel events, and an event that overwrites a move of the same kinds
+        if not (kinds and others) or (not skips and (priority == "parallel" or kinds == others)):
+            return
+        # Two changes of speed of which one begins by a condition may overlap: as in the standard,
+        # `played` then ends the earlier one. All other pairs must not overlap.
+        apart = skips or "LateralAction" in others or (span.begin.known and running.begin.known)
+        # apart: `other` begins after this event begins, or ends before
+        if apart and not (
+            self.moves.follows(running.begin, replace(span, end=span.begin.time))
+            or self.moves.follows(span.begin, running)
+        ):
+            raise event.fault(
+                f"with its priority `{priority}` it {'is left out' if skips else 'ends'} while "
+                f"event `{other.attribute('name')}` runs, which is not supported"
+            )
+
+    def _event(self, event: Node, names: list[str], begin: Moment) -> Span:
+        """Make moves of an event's actions; return when it runs.
+
+        An event counts as done at `begin`, and its own trigger is not read, if none of its actions
+        has a meaning here and no condition waits for it.
+        """
+        event.one_of("priority", ("overwrite", "override", "parallel", "skip"))
+        actions = [(action, action.only()) for action in event.all("Action")]
+        idle = [self._idle(inner, names) for _, inner in actions]
+        awaited = self.awaited & _names_around(event.element)
+        if all(idle) and not awaited:
+            return Span(begin, begin.time)
+        begin = self.conditions.moment(event, begin)
+        if event.number("maximumExecutionCount", 1.0) != 1.0:
+            raise event.fault("an event must run once")
+        parts = []
+        for (action, inner), ignored in zip(actions, idle, strict=True):
+            if ignored:
+                span = Span(begin, begin.time)
+            else:
+                spans = [
+                    self.moves.begin(inner.only(), self.moves.places.entity(name, event), begin)
+                    for name in names
+                    if begin.time < NEVER
+                ]
+                span = Span.over(spans[0].begin, spans) if spans else Span(begin, NEVER)
+            parts.append(self.conditions.note(action, span))
+        span = self.conditions.note(event, Span.over(begin, parts))
+        # an event that takes no time and begins by a condition: it ends as this condition holds
+        if awaited and begin.program and span.end < NEVER and not span.ended:
+            return replace(span, ended=self.conditions.latch(begin.program, begin.time))
+        return span
+
+    def _idle(self, action: Node, names: list[str]) -> bool:
+        """Whether an action has no meaning here; such an action is noted. A move of the ego is
+        refused.
+        """
+        inner = action if action.tag == "UserDefinedAction" else action.only()
+        if action.tag == "PrivateAction" and inner.tag not in IGNORED:
+            if self.moves.ego.name in names:
+                raise inner.fault(
+                    "the ego is driven by the ADS: an action of it during the drive is not "
+                    "supported"
+                )
+            return False
+        # a deletion: see `delete_at_once`
+        if not inner.find("DeleteEntityAction"):
+            self.moves.places.ignore(inner)
+        return True
