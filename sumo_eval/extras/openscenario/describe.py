@@ -11,9 +11,9 @@ from pathlib import Path
 import numpy as np
 
 from sumo_eval.errors import InputError
+from sumo_eval.extras.openscenario.acts import changes_nothing
 from sumo_eval.extras.openscenario.collections import uses_of
 from sumo_eval.extras.openscenario.logical import Read, concrete, concrete_points
-from sumo_eval.extras.openscenario.moves import changes_nothing
 from sumo_eval.scenario import played
 from sumo_eval.scenario.concrete import Actor, Numbers
 from sumo_eval.scenario.file import leaving

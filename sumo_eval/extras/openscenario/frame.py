@@ -2,8 +2,9 @@
 
 `scene` makes the frame and places every entity in it.
 
-Users: `extras/openscenario/drive_numbers.py`, `extras/openscenario/logical.py`,
-`extras/openscenario/moments.py`, `extras/openscenario/moves.py`, `extras/openscenario/scene.py`.
+Users: `extras/openscenario/acts.py`, `extras/openscenario/drive_numbers.py`,
+`extras/openscenario/logical.py`, `extras/openscenario/moments.py`,
+`extras/openscenario/moves.py`, `extras/openscenario/scene.py`.
 """
 
 import math

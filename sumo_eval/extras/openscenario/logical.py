@@ -22,8 +22,8 @@ from typing import NamedTuple
 import numpy as np
 
 from sumo_eval.errors import InputError, check_known, must_be
+from sumo_eval.extras.openscenario.acts import changes_nothing
 from sumo_eval.extras.openscenario.frame import Frame
-from sumo_eval.extras.openscenario.moves import changes_nothing
 from sumo_eval.extras.openscenario.reading import changes, read_openscenario
 from sumo_eval.extras.openscenario.scene import FileCase, FileOptions, read_case
 from sumo_eval.extras.openscenario.space import Assignments, Axis, FileSpace, read_space

@@ -2,10 +2,10 @@
 
 A trigger that is known before the drive is a time. A condition on the drive becomes a program of
 `scenario.played`, as a `when` of a scenario file does: a list of operations on a stack of values.
-`scene` and `story` read moments with `Conditions`, and `moves` plans moves with them.
+`scene` and `story` read moments with `Conditions`; `acts` and `moves` plan moves with them.
 
-Users: `extras/openscenario/moves.py`, `extras/openscenario/scene.py`,
-`extras/openscenario/story.py`.
+Users: `extras/openscenario/acts.py`, `extras/openscenario/moves.py`,
+`extras/openscenario/scene.py`, `extras/openscenario/story.py`.
 """
 
 from __future__ import annotations

@@ -7,9 +7,9 @@ entity points towards growing s, even in a left lane, where traffic goes the oth
 file with its ego in lane 4 is written so. On a route towards falling s, number and offset of a lane
 keep the signs that they have on the road, but t changes its sign.
 
-Users: `extras/openscenario/drive_numbers.py`, `extras/openscenario/frame.py`,
-`extras/openscenario/moments.py`, `extras/openscenario/moves.py`, `extras/openscenario/scene.py`,
-`extras/openscenario/starts.py`.
+Users: `extras/openscenario/acts.py`, `extras/openscenario/drive_numbers.py`,
+`extras/openscenario/frame.py`, `extras/openscenario/moments.py`, `extras/openscenario/moves.py`,
+`extras/openscenario/scene.py`, `extras/openscenario/starts.py`.
 """
 
 from __future__ import annotations

@@ -20,10 +20,11 @@ from typing import NamedTuple
 
 from sumo_eval.cosim.openscenario import CASE, exported_case
 from sumo_eval.errors import InputError
+from sumo_eval.extras.openscenario.acts import FileTraffic
 from sumo_eval.extras.openscenario.catalogs import Catalogs, named_file
 from sumo_eval.extras.openscenario.frame import ORIGIN, Frame, frame_of, framed
 from sumo_eval.extras.openscenario.moments import Conditions, Moment
-from sumo_eval.extras.openscenario.moves import Moves
+from sumo_eval.extras.openscenario.moves import begin_action, place_apart
 from sumo_eval.extras.openscenario.network import read_network
 from sumo_eval.extras.openscenario.places import Entity, Places, entity_of
 from sumo_eval.extras.openscenario.reading import Node, read_openscenario
@@ -119,11 +120,11 @@ def _scene(root: Node, given: Mapping[str, Value], options: FileOptions) -> File
     for entity in entities.values():
         entity.on_map = entity is not ego and _on_map(entity, frame)
         entity.frame = framed(entity, frame)
-    actors = list[Entity]()  # `moves` and `conditions` share this list, which step 3 fills
-    moves, conditions = Moves(places, frame, ego, actors), Conditions(places, frame, actors)
+    actors = list[Entity]()  # `traffic` and `conditions` share this list, which step 3 fills
+    traffic, conditions = FileTraffic(places, frame, ego, actors), Conditions(places, frame, actors)
     for distance, entity in starts.distances:
         if not distance.find("DynamicConstraints"):
-            moves.place_apart(distance, entity)
+            place_apart(traffic, distance, entity)
     # 3. the actors by number: all but the ego and those that are deleted at the start
     delete_at_once(story, conditions)
     actors += [it for it in entities.values() if it is not ego and not it.deleted]
@@ -133,8 +134,8 @@ def _scene(root: Node, given: Mapping[str, Value], options: FileOptions) -> File
     awaited = awaited_names(root) if actors else set()
     limit = _time_limit(story, conditions)
     for element, entity in starts.begun + starts.distances:
-        moves.begin(element, entity, Moment(0.0))
-    reader = Story(moves, conditions, awaited, limit)
+        begin_action(traffic, element, entity, Moment(0.0))
+    reader = Story(traffic, conditions, awaited, limit)
     for act in acts_of(story):
         reader.read_act(act)
     # 5. names that SUMO accepts; `ego` is that of the ADS

@@ -7,10 +7,11 @@ from collections.abc import Iterator
 from dataclasses import replace
 from typing import Any, NamedTuple
 
+from sumo_eval.extras.openscenario.acts import FileTraffic, changes_nothing, follows
 from sumo_eval.extras.openscenario.conformity import IGNORED
 from sumo_eval.extras.openscenario.drive_numbers import operation
 from sumo_eval.extras.openscenario.moments import NEVER, Conditions, Moment, Span
-from sumo_eval.extras.openscenario.moves import Moves, changes_nothing
+from sumo_eval.extras.openscenario.moves import begin_action
 from sumo_eval.extras.openscenario.reading import Node
 from sumo_eval.scenario.played import AND, BELOW, COSINE, KEEP, VALUE, Act
 
@@ -71,12 +72,12 @@ def delete_at_once(storyboard: Node, conditions: Conditions) -> None:
 class Story(NamedTuple):
     """Reader of acts, in the order of the file.
 
-    moves: of the actors, to which the acts add.
+    traffic: the entities, to which the acts add moves.
     awaited: names of the elements whose states a move waits for (`awaited_names`).
     limit: time that the case lasts at most, s.
     """
 
-    moves: Moves
+    traffic: FileTraffic
     conditions: Conditions
     awaited: set[str]
     limit: float
@@ -86,14 +87,16 @@ class Story(NamedTuple):
         begin = self.conditions.moment(act, Moment(0.0))
         # conditions in the act may ask whether it runs: it is noted before its end is known
         span = self.conditions.note(act, Span(begin, NEVER))
-        before = [len(entity.acts) for entity in self.moves.actors]
+        before = [len(entity.acts) for entity in self.traffic.actors]
         over_groups = Span.over(begin, [self._group(it, begin) for it in act.all("ManeuverGroup")])
         span.end, span.ended = over_groups.end, over_groups.ended
         stop = act.find("StopTrigger[ConditionGroup]")
         if not stop:
             return
-        if before == [len(entity.acts) for entity in self.moves.actors]:  # it has no moves to stop
-            self.moves.places.ignored["StopTrigger"] = None
+        if before == [
+            len(entity.acts) for entity in self.traffic.actors
+        ]:  # it has no moves to stop
+            self.traffic.places.ignored["StopTrigger"] = None
             return
         at = self.conditions.moment(act, Moment(0.0), stop.tag)
         if not at.known:
@@ -111,7 +114,7 @@ class Story(NamedTuple):
         # the condition has held, else 0.
         has_held = *self.conditions.latch(at.program, 0.0), (VALUE, 0, 0, 0.5)
         and_not_held = (*has_held, operation(BELOW), operation(AND))
-        for entity, count in zip(self.moves.actors, before, strict=True):
+        for entity, count in zip(self.traffic.actors, before, strict=True):
             acts = entity.acts
             own = [k for k in range(count, len(acts)) if not changes_nothing(acts[k])]
             # kinds up to COSINE are moves across the road
@@ -133,7 +136,7 @@ class Story(NamedTuple):
         if actors.flag("selectTriggeringEntities"):
             raise actors.fault("actors that the trigger selects are not supported")
         names = [part.text("entityRef") for part in actors.all("EntityRef")]
-        parts = [self.moves.places.catalogs.entry(part) for part in group.all("CatalogReference")]
+        parts = [self.traffic.places.catalogs.entry(part) for part in group.all("CatalogReference")]
         parts += [part.within() for part in group.all("Maneuver")]
         spans = [self._maneuver(part, names, begin) for part in parts]
         return self.conditions.note(group, Span.over(begin, spans))
@@ -166,8 +169,8 @@ class Story(NamedTuple):
         apart = skips or "LateralAction" in others or (span.begin.known and running.begin.known)
         # apart: `other` begins after this event begins, or ends before
         if apart and not (
-            self.moves.follows(running.begin, replace(span, end=span.begin.time))
-            or self.moves.follows(span.begin, running)
+            follows(self.traffic, running.begin, replace(span, end=span.begin.time))
+            or follows(self.traffic, span.begin, running)
         ):
             raise event.fault(
                 f"with its priority `{priority}` it {'is left out' if skips else 'ends'} while "
@@ -195,7 +198,9 @@ class Story(NamedTuple):
                 span = Span(begin, begin.time)
             else:
                 spans = [
-                    self.moves.begin(inner.only(), self.moves.places.entity(name, event), begin)
+                    begin_action(
+                        self.traffic, inner.only(), self.traffic.places.entity(name, event), begin
+                    )
                     for name in names
                     if begin.time < NEVER
                 ]
@@ -213,7 +218,7 @@ class Story(NamedTuple):
         """
         inner = action if action.tag == "UserDefinedAction" else action.only()
         if action.tag == "PrivateAction" and inner.tag not in IGNORED:
-            if self.moves.ego.name in names:
+            if self.traffic.ego.name in names:
                 raise inner.fault(
                     "the ego is driven by the ADS: an action of it during the drive is not "
                     "supported"
@@ -221,5 +226,5 @@ class Story(NamedTuple):
             return False
         # a deletion: see `delete_at_once`
         if not inner.find("DeleteEntityAction"):
-            self.moves.places.ignore(inner)
+            self.traffic.places.ignore(inner)
         return True
