@@ -127,7 +127,9 @@ def _tell(tell: Any, count: int, number: int, body: Any, line: Any, along: float
     near = body.x + 0.5 * body.length  # m, near its front: where the search along the line begins
     s, d = to_frame(line, body.front_x, body.front_y, body.map.heading, near)[:2]
     angle = STRAIGHT - body.map.heading * DEGREES
-    tell[count] = float(number), body.front_x, body.front_y, angle, body.speed, s, d, along
+    values = float(number), body.front_x, body.front_y, angle, body.speed, s, d, along
+    for k, value in enumerate(values):
+        tell[count, k] = value
     return count + 1
 
 
@@ -152,8 +154,9 @@ def _sample(samples: Any, vehicle: Any, time: float, acceleration: float, steeri
     count = vehicle.samples
     if count > 0 and time - samples[count - 1, 0] < SAME_TIME:
         return
-    pose = vehicle.x, vehicle.y, vehicle.heading
-    samples[count] = (time, *pose, vehicle.speed, acceleration, steering)
+    values = time, vehicle.x, vehicle.y, vehicle.heading, vehicle.speed, acceleration, steering
+    for k, value in enumerate(values):
+        samples[count, k] = value
     vehicle.samples = count + 1
 
 
@@ -355,7 +358,8 @@ def _read_actor(last: FloatArray, shown: FloatArray) -> bool:
     near = abs(shown[0] - last[0]) < FARTHEST and abs(shown[1] - last[1]) < FARTHEST
     if not (near and 0.0 <= shown[2] <= 360.0 and LOWEST_SPEED < shown[3] < FASTEST):
         return False
-    last[:] = shown
+    for k in range(4):
+        last[k] = shown[k]
     return True
 
 
@@ -489,9 +493,11 @@ def _keep(kept: FloatArray, ego: Any) -> None:
     """
     command, at = ego.command, ego.map
     if len(kept) == 2:
-        kept[:] = command.acceleration, command.steering
-    else:
-        kept[:] = at.x, at.y, at.heading, ego.speed, ego.acceleration, ego.steering
+        kept[0], kept[1] = command.acceleration, command.steering
+        return
+    values = at.x, at.y, at.heading, ego.speed, ego.acceleration, ego.steering
+    for k, value in enumerate(values):
+        kept[k] = value
 
 
 @rows
