@@ -17,7 +17,7 @@ import math
 from collections.abc import Sequence
 from contextlib import suppress
 from functools import partial
-from itertools import compress
+from itertools import compress, product
 from struct import Struct
 from typing import Any
 
@@ -277,13 +277,9 @@ class Stage:
 
     def _find_names(self) -> list[str]:
         """Names of the egos and of the actors that are present, in rows that have not ended."""
-        present = self._present
-        numbers = [
-            row * self._width + column
-            for row in self._live.tolist()
-            for column in range(self._width)
-            if not column or present[row, column - 1]  # column 0: the ego
-        ]
+        present, width = self._present, self._width
+        cells = product(self._live.tolist(), range(width))  # row, column; column 0: the ego
+        numbers = [row * width + j for row, j in cells if not j or present[row, j - 1]]
         self._numbers = np.array(numbers)
         self._odd = np.zeros_like(self._numbers)
         self._values = np.empty((len(self._numbers), 4))  # as in `World.shown`
