@@ -49,9 +49,10 @@ EXACT_SPEED_MODE = 32
 LEFT_BATCH = Alone("left_batch")
 CHECKED_EVERY = 10  # steps
 ASIDE = -500.0  # m, y of a hidden vehicle
-# place, m, angle, deg, and speed, m/s, of a vehicle that has left SUMO, once that is recorded
+# place, m, angle, deg, and speed, m/s, of an actor whose leaving of SUMO has been recorded
 _NOT_THERE = (0.0, 0.0, STRAIGHT, 0.0)
-_UNKNOWN = (math.nan,) * 4  # the same before: `World.read` takes no such vehicle in
+# of a vehicle that SUMO does not know any more; `World.read` takes in no vehicle with nan
+_UNKNOWN = (math.nan,) * 4
 # `keepRoute` of moveToXY: SUMO looks for the road, and the vehicle may be off the road
 _ANY_ROAD = 2
 # the road is the vehicle's own, and the vehicle may be off the road
@@ -252,6 +253,7 @@ class Stage:
                 if self._alone and name == self._flat[0]:  # the ego
                     raise
                 values += _UNKNOWN
+                self.fronts.pop(name, None)  # so its row, if it is an ego, leaves the batch
                 self.speeds.pop(name, None)
                 continue
             values += front

@@ -475,6 +475,28 @@ def test_an_ads_with_its_own_vehicle_dynamics_may_use_move_to_xy_with_a_set_spee
     assert_last(found, 1e-3, y=0.1 - 2.25 * 0.2 / 18.5)
 
 
+def test_a_turn_after_straight_driving_is_measured_from_straight_ahead():
+    """At 20 m/s and 0.1 s a step: 1.6, then 3.2 m/s to the left, 0.5 s straight on, 3.2 m/s again.
+
+    The last turn is 2 m / (0.1 s)^2 * asin(0.16) = 32.1 m/s2. From the direction of the motion
+    before it drove straight on it would be 0.
+    """
+    aside = {1: (0.16, 0.16), 2: (0.32, 0.48), 8: (0.32, 0.8)}  # step: m to the left, y in m
+
+    def swerve(traci, ego, time):
+        traci.vehicle.setSpeed(ego, 20.0)
+        if (step := round(time / 0.1)) in aside:
+            left, y = aside[step]
+            x = traci.vehicle.getPosition(ego)[0] + math.sqrt(2.0**2 - left**2)
+            traci.vehicle.moveToXY(ego, "", -1, x, y, 90.0, 2)
+
+    found = simulate(case(), swerve, SimulationSettings(step=0.1, time_limit=2.0))
+    assert_ended(
+        found, "ads_error", "must turn its vehicle within 25 m/s2, got 32.1 m/s2 at 0.90 s"
+    )
+    assert_last(found, y=0.48, speed=20.0)
+
+
 def changes_to(lane):
     """Change lane at 0.5 s."""
     return once(lambda traci: traci.vehicle.changeLane("ego", lane, 100.0), 0.5)
