@@ -150,7 +150,7 @@ class Compiled:
     def reset(self, scenario: Any, traci: Any, ego: str) -> None:
         """Begin a case that is driven through TraCI."""
         self._scenario = described(
-            scenario.road, scenario.vehicle, SimulationSettings(step=scenario.step)
+            scenario.road, [scenario.vehicle], SimulationSettings(step=scenario.step)
         )
         self._line = scenario.road.line
         self._way = scenario.way

@@ -67,19 +67,21 @@ _HELD = 0.99  # largest share of the tyres' grip that an ego uses when it begins
 _ARRIVED = 0.101  # m; SUMO removes a vehicle whose front is nearer to the end of the last lane
 
 
-def described(road: Road, vehicle: VehicleSettings, settings: SimulationSettings) -> Records:
-    """Two `SCENARIO` records for all rows with this road and vehicle.
+def described(
+    road: Road, vehicles: Sequence[VehicleSettings], settings: SimulationSettings
+) -> Records:
+    """Two `SCENARIO` records for each of these vehicles, of rows with this road.
 
     They differ in `step`: the first has the time step, s, the second the cycle of decisions
     (`records.CYCLE`), rounded to whole steps.
     """
     # all values in the order of the fields of `SCENARIO`
-    limits = tuple(getattr(vehicle, name) for name, _ in LIMITS)
+    limits = [tuple(getattr(vehicle, name) for name, _ in LIMITS) for vehicle in vehicles]
     steps = settings.step, max(round(CYCLE / settings.step), 1) * settings.step
     stands = settings.standstill_speed, settings.standstill_time
     ends = settings.time_limit, *stands, settings.end_when_decided
     of_road = _road_values(road)
-    return np.array([(of_road, limits, step, *ends) for step in steps], SCENARIO)
+    return np.array([(of_road, own, step, *ends) for own in limits for step in steps], SCENARIO)
 
 
 def _road_values(road: Road) -> tuple[float, ...]:
@@ -174,7 +176,7 @@ class World:
         vehicles = [case.vehicle for case in self.each]
         if vehicles.count(vehicles[0]) == len(vehicles):  # one for all rows
             vehicles = vehicles[:1]
-        self.scenario = np.concatenate([described(road, it, settings) for it in vehicles])
+        self.scenario = described(road, vehicles, settings)
         self.egos = _egos(self.cases, settings.vehicle, placed)
         self.others = _others(self.cases)
         if placed == MODEL and road.bent:

@@ -122,7 +122,7 @@ def _load_rule(ads: Compiled) -> None:
     """Compile the loop of a rule by running it over no rows."""
     settings = SimulationSettings()
     concrete = _concrete(0.0)
-    scenario = described(_ROAD, settings.vehicle, settings)
+    scenario = described(_ROAD, [settings.vehicle], settings)
     kind: Any = type(ads)
     if knows_the_scripts(ads):
         arrays = kind.foreseeing([ads], [concrete], [settings])
