@@ -41,10 +41,20 @@ def said(path):
     "osc_alks?speed=1", "Options `?` are for one file"
     "a.xosc --set speed=1", "got no `--out`"
     "a.xosc --folder .", "`--folder` is for a catalogue"
+    ".", "got '.'. Known: osc_alks"
     """),
 )
 def test_options_that_import_would_ignore_are_refused(words, sentence):
     cli_refuses(sentence, "import", *words.split())
+
+
+def test_catalogue_of_which_nothing_plays_is_status_2(tmp_path):
+    (tmp_path / "broken_variation.xosc").write_text("<OpenSCENARIO>")
+    done = cli_refuses(
+        "A file of catalogue `osc_alks` must play, got none",
+        "import", "osc_alks", "--folder", tmp_path,
+    )  # fmt: skip
+    assert done.stdout.endswith("osc_alks: 0 of 1 files play, 0 of 0 points tried\n")
 
 
 def change(path, old, new):
@@ -442,7 +452,7 @@ def test_what_is_not_a_scenario_is_named(tmp_path):
 
 
 def test_an_unknown_catalogue_names_the_nearest():
-    assert "got ncap_2027. Did you mean `ncap_2026`?" in said(Path("ncap_2027"))
+    assert "got 'ncap_2027'. Did you mean `ncap_2026`?" in said(Path("ncap_2027"))
 
 
 def test_a_byte_order_mark_is_not_part_of_a_scenario_file(tmp_path):

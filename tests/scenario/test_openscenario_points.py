@@ -277,6 +277,29 @@ def test_a_distribution_that_does_not_exist_is_refused(files, tag, numbers):
         read_variation(files / "variation.xosc", None, 1)
 
 
+def test_a_count_out_of_bounds_is_the_samplings_fault(files):
+    part = '<NormalDistribution expectedValue="50" variance="25"/>'
+    text = stochastic(("Ve0_kph", part))
+    (files / "variation.xosc").write_text(text)
+    for count in (0, 1_000_001):
+        with refused("`count` of the sampling of scenario `cut_in` must be a whole number from 1"):
+            points(files, count=count)
+    (files / "variation.xosc").write_text(text.replace('"2000"', '"0"'))
+    with refused("`numberOfTestRuns` must be within 1..1,000,000, or give a `count`, got 0"):
+        points(files)
+
+
+def test_drawn_values_may_have_weight_0_but_not_all(files):
+    values = '<Element value="1" weight="{}"/><Element value="2" weight="0"/>'
+    given = f"<ProbabilityDistributionSet>{values}</ProbabilityDistributionSet>"
+    path = files / "variation.xosc"
+    path.write_text(stochastic(("Ve0_kph", given.format(3))))
+    assert {row["Ve0_kph"] for row in read_variation(path, 20, 1).combinations} == {1.0}
+    path.write_text(stochastic(("Ve0_kph", given.format(0))))
+    with refused("its weights must be at least 0, one of them above 0"):
+        read_variation(path, 20, 1)
+
+
 def test_weights_of_one_value_add_up_and_are_not_negative(files):
     for one, weight, weights in values_of("""
         1, 2, (3.0, 1.0)

@@ -12,10 +12,7 @@ from sumo_eval.cli.sentences import say, tell
 @click.command("import", epilog="Example: sumo-eval import CCRm.xosc")
 @click.argument("file", required=False)
 @path_option("--folder", help="Of a catalogue (osc_alks, ncap_2026): where your copy is.")
-@path_option(
-    "--out",
-    help="Write the scenario file (.toml) that was understood at one point.",
-)
+@path_option("--out", help="Write one point of FILE as a scenario file (.toml).")
 @click.option(
     "--set",
     "values",
@@ -33,7 +30,7 @@ def import_(
 ) -> None:
     """Say what is understood of FILE, and what does not play.
 
-    FILE: an OpenSCENARIO scenario or variation (.xosc).
+    FILE: an OpenSCENARIO scenario or variation (.xosc), also with options: FILE.xosc?road=2.
 
     Of a catalogue (osc_alks, ncap_2026): its files, the points of each and how many play.
 
@@ -47,6 +44,7 @@ def import_(
     from sumo_eval.extras.openscenario.written import scenario_content, write_scenario
     from sumo_eval.gone import refuse_use_case
     from sumo_eval.scenario.catalogue import options_of
+    from sumo_eval.text import shown
 
     if conformity:
         click.echo(table())
@@ -63,10 +61,10 @@ def import_(
             raise InputError(f"{what} for one file, got the catalogue {name}.")
         say(listed(name, COLLECTIONS[name].files(folder or Path())))
         return
-    refuse_use_case(name)
+    refuse_use_case(name)  # a removed kind of file gets a message of its own
     if not name.endswith(".xosc"):
         raise InputError(
-            f"`import` reads OpenSCENARIO files (.xosc) and catalogues, got {name}."
+            f"`import` reads OpenSCENARIO files (.xosc) and catalogues, got {shown(name)}."
             f"{did_you_mean(name, COLLECTIONS)}"
         )
     if folder is not None:

@@ -84,6 +84,8 @@ def listed(name: str, paths: Sequence[Path]) -> Iterator[str]:
     do not; for a file that cannot be read, why. Then the sums.
 
     name: of the catalogue. paths: its files.
+
+    Raises InputError after the last line where no point of any file plays.
     """
     tried = playing = files = 0
     for file in paths:
@@ -101,6 +103,8 @@ def listed(name: str, paths: Sequence[Path]) -> Iterator[str]:
             why = "; ".join(f"{it} {why}" for why, it in [*reasons.items()][:_SHOWN])
             yield f"{read.logical.name}: {words}{why and '; not: '}{why}"
     yield f"{name}: {files} of {len(paths)} files play, {playing} of {tried} points tried"
+    if not playing:
+        raise InputError(f"A file of catalogue `{name}` must play, got none: see the lines above.")
 
 
 def _counted(read: Read, points: Points) -> tuple[int, str, dict[str, int]]:

@@ -199,7 +199,7 @@ def _target(element: Node, places: Places, frame: Frame) -> Entity | Pose:
     named = holder if holder.get("entityRef") is not None else holder.find("EntityRef")
     if named:
         return places.referred(named)
-    position = holder.child("Position").only()
+    position = holder.child("Position").only_child()
     if position.get("entityRef") is None:
         pose = places.spot(holder.child("Position")).pose
         return in_frame(pose, frame.origin, frame.line)

@@ -244,9 +244,9 @@ class Conditions:
         """The moment of one <Condition>."""
         edge = element.one_of("conditionEdge", ("none", "rising", "falling", "risingOrFalling"))
         delay = element.not_negative("delay", 0.0, " s")
-        kind = element.only()
+        kind = element.only_child()
         if kind.tag == "ByValueCondition":
-            moment = self._by_value(kind.only(), edge)
+            moment = self._by_value(kind.only_child(), edge)
         elif kind.tag == "ByEntityCondition":
             moment = Moment(0.0, self._by_entity(kind, edge))
         else:
@@ -302,7 +302,7 @@ class Conditions:
         entities = [self.places.referred(it) for it in triggering.all("EntityRef")]
         if not entities:
             raise triggering.fault("it must name an entity")
-        condition = element.child("EntityCondition").only()
+        condition = element.child("EntityCondition").only_child()
         truths = [truth_of(condition, it, self.places, self.frame) for it in entities]
         # if all must hold, it fails as soon as one does; if any may hold, it fails when all do
         op, opposite = (AND, OR) if every else (OR, AND)

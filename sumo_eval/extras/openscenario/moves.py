@@ -81,7 +81,7 @@ def begin_action(traffic: FileTraffic, element: Node, entity: Entity, moment: Mo
     if entity.deleted:
         return Span(moment, moment.time)
     if element.tag in ("LongitudinalAction", "LateralAction", "RoutingAction"):
-        element = element.only()
+        element = element.only_child()
     readers = {
         "SpeedAction": _change_speed, "LaneChangeAction": _change_lane,
         "LaneOffsetAction": _take_offset, "LongitudinalDistanceAction": _keep_distance,
@@ -104,7 +104,7 @@ def begin_action(traffic: FileTraffic, element: Node, entity: Entity, moment: Mo
 def _change_speed(traffic: FileTraffic, element: Node, entity: Entity, begin: Moment) -> Span:
     speed = target_speed(element, traffic.places, entity)
     dynamics = traffic.places.exact(element.child("SpeedActionDynamics"))
-    target = element.child("SpeedActionTarget").only()
+    target = element.child("SpeedActionTarget").only_child()
     if target.flag("continuous"):
         if not is_step(dynamics):
             raise dynamics.fault("a continuous speed is supported with the shape `step` only")
@@ -147,7 +147,7 @@ def _change_speed(traffic: FileTraffic, element: Node, entity: Entity, begin: Mo
 
 def target_speed(action: Node, places: Places, mover: Entity) -> float:
     """The speed that a SpeedAction of an entity leads to, m/s."""
-    target = action.child("SpeedActionTarget").only()
+    target = action.child("SpeedActionTarget").only_child()
     speed = target.number("value")
     if target.tag == "RelativeTargetSpeed":
         other = places.referred(target)
@@ -332,7 +332,7 @@ def _until_there(
 
 
 def _change_lane(traffic: FileTraffic, element: Node, entity: Entity, begin: Moment) -> Span:
-    lane = _target_lane(traffic, element.child("LaneChangeTarget").only(), entity, begin)
+    lane = _target_lane(traffic, element.child("LaneChangeTarget").only_child(), entity, begin)
     t = lane.centre + element.number("targetLaneOffset", 0.0)
     offset = _y(traffic.frame, t, element, entity) - entity.frame.y
     dynamics = traffic.places.exact(element.child("LaneChangeActionDynamics"))
@@ -372,7 +372,7 @@ def _target_lane(traffic: FileTraffic, target: Node, entity: Entity, begin: Mome
 
 
 def _take_offset(traffic: FileTraffic, element: Node, entity: Entity, begin: Moment) -> Span:
-    target = element.child("LaneOffsetTarget").only()
+    target = element.child("LaneOffsetTarget").only_child()
     continuous = element.flag("continuous")
     if target.tag == "RelativeTargetLaneOffset":
         if continuous:
@@ -566,7 +566,7 @@ def _final_speed(element: Node, master: Entity, entity: Entity) -> tuple[float, 
     holder = element.find("FinalSpeed")
     if not holder:
         return entity.pace, 0.0
-    kind = holder.only()
+    kind = holder.only_child()
     final = kind.number("value")
     if kind.tag == "RelativeSpeedToMaster":
         final = master.speed * final if _by_factor(kind) else master.speed + final

@@ -269,7 +269,7 @@ class Places:
 
     def spot(self, position: Node) -> Spot:
         """The place that a <Position>, or another element with one of its kinds, gives."""
-        kind = position.only()
+        kind = position.only_child()
         readers = {
             "LanePosition": self._lane, "RelativeLanePosition": self._relative_lane,
             "RoadPosition": self._road,
@@ -377,7 +377,7 @@ class Places:
         element = self.catalogs.held(holder, "Trajectory")
         if element.flag("closed"):
             raise element.fault("a closed trajectory is not supported")
-        shape = element.child("Shape").only()
+        shape = element.child("Shape").only_child()
         readers = {"Polyline": self._polyline, "ClothoidSpline": self._spline}
         return shape.chosen(readers, "shapes")(shape)
 
@@ -471,7 +471,7 @@ class Places:
         begin, end = self.route(element.child("RouteRef"))
         road = begin.road
         assert road is not None  # `route` refuses a begin off all roads
-        at = element.child("InRoutePosition").only()
+        at = element.child("InRoutePosition").only_child()
         way = -1 if end.road is road and end.s < begin.s else 1
         s = at.number("pathS")
         lane = None

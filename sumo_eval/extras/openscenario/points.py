@@ -43,7 +43,7 @@ from sumo_eval.trajectory import FloatArray
 
 Combination = dict[str, Value]
 """Their parameter -> its value."""
-_ATTEMPTS = 1000  # times that all draws are drawn to find enough within the Range of a distribution
+_ATTEMPTS = 1000  # rounds of draws, at most, until enough values lie within a distribution's Range
 
 
 @frozen
@@ -93,7 +93,8 @@ def from_openscenario(logical: LogicalScenario, request: Request) -> Drawn:
             f"`file` of the sampling of scenario `{logical.name}`, the mapping, is missing."
         )
     mapping = read_mapping((request.folder or Path.cwd()) / request.file, logical)
-    variation = read_variation(mapping.distribution, request.count, request.seed)
+    count = None if request.count is None else request.wanted(logical)
+    variation = read_variation(mapping.distribution, count, request.seed)
     _check_names(mapping, variation, f"mapping {request.file}")
     # Keep the combinations that agree with [only], and set the parameters of [only] that a
     # combination lacks: declared, but not varied.
@@ -161,8 +162,9 @@ def _allowed(combinations: list[Combination], scenario: Node | None) -> list[Com
     """
     if scenario is None:
         return combinations
+    # of each combination, the scenario with all values, and the constraints that these break
     declared = map(scenario.declared, combinations)
-    return [dict(root.values) for root, broken in declared if not broken]
+    return [dict(complete.values) for complete, broken in declared if not broken]
 
 
 def read_mapping(path: Path, logical: LogicalScenario) -> SpaceMapping:
@@ -179,7 +181,8 @@ def read_mapping(path: Path, logical: LogicalScenario) -> SpaceMapping:
                 f"`{name}` of scenario `{logical.name}` is missing in [parameters] of {owner}."
             )
     expressions = {name: number(table.parameters[name], owner) for name in logical.names}
-    only = {  # as an .xosc writes it: `true`, not `True`
+    # `plain` reads a value as it does that of an .xosc, where a truth value is `true`, not `True`
+    only = {
         name: plain(str(value).lower() if isinstance(value, bool) else str(value))
         for name, value in table.only.items()
     }
@@ -237,11 +240,12 @@ def _deterministic(distribution: Node, owner: str) -> tuple[Combination, ...]:
 def _stochastic(element: Node, owner: str, count: int | None, seed: int) -> tuple[Combination, ...]:
     """Draws of a stochastic variation; owner: name of its file."""
     runs = element.whole("numberOfTestRuns") if count is None else count
-    if not 1 <= runs <= MAX_POINTS:
+    if not 1 <= runs <= MAX_POINTS:  # a `count` is within, see `Request.wanted`
         within = f"within 1..{MAX_POINTS:,}, or give a `count`"
         raise element.fault(f"`numberOfTestRuns` must be {within}, got {runs}")
     distributions = {
-        it.parameter("parameterName"): it.only() for it in element.all("StochasticDistribution")
+        part.parameter("parameterName"): part.only_child()
+        for part in element.all("StochasticDistribution")
     }
     if not distributions:
         raise InputError(f"{owner} must have at least one StochasticDistribution.")
@@ -276,7 +280,7 @@ def _weighted_draws(kind: Node, runs: int, stream: Generator) -> list[Value]:
     parts = kind.all("Element") or kind.all("Bin")
     weights = np.array([part.number("weight", 1.0) for part in parts])
     if weights.min(initial=0.0) < 0.0 or not weights.sum() > 0.0:
-        raise kind.fault("its weights must be above 0")
+        raise kind.fault("its weights must be at least 0, one of them above 0")
     picks = stream.choice(len(parts), runs, p=weights / weights.sum())
     if kind.tag != "Histogram":
         return [plain(parts[pick].attribute("value")) for pick in picks]

@@ -171,7 +171,7 @@ class Node:
         """The child elements; `*` leaves out comments."""
         return self.all("*")
 
-    def only(self) -> Node:
+    def only_child(self) -> Node:
         """The only child element."""
         parts = self.children()
         if len(parts) != 1:

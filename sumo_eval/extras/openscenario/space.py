@@ -223,7 +223,7 @@ def axes_of(distribution: Node) -> Iterator[Axis]:
 
 def _single(element: Node) -> Axis:
     """A deterministic distribution of one parameter: a list of values, or a range with a step."""
-    name, kind = element.parameter("parameterName"), element.only()
+    name, kind = element.parameter("parameterName"), element.only_child()
     if kind.tag == "DistributionSet":
         return _values(element, name, [plain(it.attribute("value")) for it in kind.all("Element")])
     if kind.tag != "DistributionRange":
@@ -290,7 +290,7 @@ def _drawn(element: Node) -> Axis:
 
     The sampling of the evaluation draws from it.
     """
-    name, kind = element.parameter("parameterName"), element.only()
+    name, kind = element.parameter("parameterName"), element.only_child()
     if kind.tag == "ProbabilityDistributionSet":
         return _weighted(name, kind)
     if kind.tag not in ("UniformDistribution", "NormalDistribution"):

@@ -46,12 +46,12 @@ class Starts:
         """Carry out the actions of <Init>: places, speeds and moves at the start."""
         waiting = []
         for part in actions.children():
-            inner = part.only() if part.tag == "GlobalAction" else part
+            inner = part.only_child() if part.tag == "GlobalAction" else part
             if part.tag == "Private":
                 entity = self.places.referred(part)
-                waiting += [(action.only(), entity) for action in part.all("PrivateAction")]
+                waiting += [(action.only_child(), entity) for action in part.all("PrivateAction")]
             elif inner.tag == "EntityAction":
-                entity, action = self.places.referred(inner), inner.only()
+                entity, action = self.places.referred(inner), inner.only_child()
                 entity.deleted = action.tag == "DeleteEntityAction"
                 waiting += [] if entity.deleted else [(action, entity)]
             else:
@@ -85,7 +85,7 @@ class Starts:
     def _private_at_start(self, element: Node, entity: Entity) -> None:
         """Do one action of an entity in Init. Raises UnplacedError where it must wait."""
         if element.tag in ("LongitudinalAction", "RoutingAction"):
-            element = element.only()
+            element = element.only_child()
         match element.tag:
             case "TeleportAction" | "AddEntityAction":
                 along = EGO_ALONG if entity is self.ego else ALONG
@@ -113,7 +113,7 @@ class Starts:
         entity.waits -= 1
         if is_step(element.child("SpeedActionDynamics")):
             entity.speed = entity.pace = speed
-            if not element.child("SpeedActionTarget").only().flag("continuous"):
+            if not element.child("SpeedActionTarget").only_child().flag("continuous"):
                 return
         if entity is self.ego:
             raise element.fault("the ego is driven by the ADS: its first speed must be a step")

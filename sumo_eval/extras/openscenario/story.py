@@ -184,7 +184,7 @@ class Story(NamedTuple):
         has a meaning here and no condition waits for it.
         """
         event.one_of("priority", ("overwrite", "override", "parallel", "skip"))
-        actions = [(action, action.only()) for action in event.all("Action")]
+        actions = [(action, action.only_child()) for action in event.all("Action")]
         idle = [self._idle(inner, names) for _, inner in actions]
         awaited = self.awaited & _names_around(event.element)
         if all(idle) and not awaited:
@@ -199,7 +199,10 @@ class Story(NamedTuple):
             else:
                 spans = [
                     begin_action(
-                        self.traffic, inner.only(), self.traffic.places.entity(name, event), begin
+                        self.traffic,
+                        inner.only_child(),
+                        self.traffic.places.entity(name, event),
+                        begin,
                     )
                     for name in names
                     if begin.time < NEVER
@@ -216,7 +219,7 @@ class Story(NamedTuple):
         """Whether an action has no meaning here; such an action is noted. A move of the ego is
         refused.
         """
-        inner = action if action.tag == "UserDefinedAction" else action.only()
+        inner = action if action.tag == "UserDefinedAction" else action.only_child()
         if action.tag == "PrivateAction" and inner.tag not in IGNORED:
             if self.traffic.ego.name in names:
                 raise inner.fault(
