@@ -1,10 +1,10 @@
 """Single cases of an evaluation, driven without the rest: `run.only` names them.
 
-Users: `cli/tools.py`, `record/facts.py`.
+Users: `cli/tools.py`, `record/facts.py`, `report/export_case.py`.
 """
 
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Sequence, Set
 from dataclasses import replace
 from itertools import product
 
@@ -29,23 +29,41 @@ def narrowed(run: Resolved) -> Resolved:
         parts_of = _parts_by_key(case, run.scenarios, settings)
         check_known("case of the evaluation", parts_of, case)
         named.append(parts_of[case])
-    scenarios = {scenario for scenario, *_ in named}
+    kept = {scenario for scenario, *_ in named}
     chosen_ads = {ads for *_, ads in named}
-    entries = [(entry, logical) for entry, logical in run.entries if logical.name in scenarios]
-    # settings of scenarios that are left out would be refused as unknown names
-    left_out = run.scenarios.keys() - scenarios
-    method, report = settings.method, settings.report
-    weights = {name: w for name, w in method.ranking.weights.items() if name not in left_out}
-    axes = {name: pair for name, pair in report.axes.items() if name not in left_out}
+    entries = [(entry, logical) for entry, logical in run.entries if logical.name in kept]
     settings = replace(
-        settings,
-        method=replace(method, ranking=replace(method.ranking, weights=weights)),
-        report=replace(report, axes=axes),
+        without_left_out(run, kept),
         scenario=tuple(entry for entry, _ in entries),
         ads=tuple(ads for ads in settings.ads if ads.name in chosen_ads),
     )
     return replace(
         run, settings=settings, scenarios={logical.name: logical for _, logical in entries}
+    )
+
+
+def without_left_out(run: Resolved, kept: Set[str]) -> EvaluationSettings:
+    """An evaluation's settings without those of scenarios that are left out, and of their
+    parameters: where a scenario is missing, they would be refused as unknown names.
+
+    kept: names of the scenarios that are not left out.
+    """
+    settings = run.settings
+    method, report, drivers = settings.method, settings.report, settings.drivers
+    left_out = run.scenarios.keys() - kept
+    parameters = {name for scenario in kept for name in run.scenarios[scenario].names}
+    # a name that the evaluation does not know stays: it is refused later
+    weights = {name: w for name, w in method.ranking.weights.items() if name not in left_out}
+    if not any(weights.get(name, 1.0) for name in kept):  # weights of 0 alone would be refused
+        weights = {name: w for name, w in weights.items() if name not in kept}
+    axes = {name: pair for name, pair in report.axes.items() if name not in left_out}
+    # `Resolved.of` has refused unknown parameters
+    tolerance = {name: far for name, far in (drivers.tolerance or {}).items() if name in parameters}
+    return replace(
+        settings,
+        method=replace(method, ranking=replace(method.ranking, weights=weights)),
+        report=replace(report, axes=axes),
+        drivers=replace(drivers, tolerance=tolerance or None),
     )
 
 

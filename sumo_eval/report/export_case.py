@@ -1,4 +1,7 @@
-"""One case of a run as files that stand alone: for SUMO, for other simulators, and to run again.
+"""One case of a run as files of its own: for SUMO, for other simulators, and to run again.
+
+The evaluation that runs it again names the user's files by absolute paths, so it needs them where
+they are, on this machine.
 
 Users: `cli/look.py`, `extras/wheel/outcome.py`.
 """
@@ -13,10 +16,12 @@ from sumo_eval.cosim.openscenario import opendrive_xml, openscenario_xml
 from sumo_eval.cosim.sumo.sumo_files import case_files
 from sumo_eval.record import run_folder
 from sumo_eval.record.case_rows import Fact
+from sumo_eval.record.only import without_left_out
 from sumo_eval.record.store import open_store
 from sumo_eval.report.explain import known_case
 from sumo_eval.report.page import write_csv, write_page
 from sumo_eval.scenario.catalogue import is_file
+from sumo_eval.scenario.resolved import Resolved
 from sumo_eval.settings import (
     EvaluationSettings,
     ExposureSettings,
@@ -53,7 +58,7 @@ def export_case(run: Path, case: str, out: Path) -> Exported:
     entry, logical = next(pair for pair in resolved.entries if pair[1].name == fact.scenario)
     concrete = replace(logical.concrete(**fact.values), exposure=fact.exposure)
     stem = file_stem(case)
-    alone = _evaluation(settings, fact, entry, source, f"{stem}.csv")
+    alone = _evaluation(resolved, entry, fact, f"{stem}.csv")
     line = f"{_importing(alone, source)}sumo-eval run {stem}.toml --out again"
     texts = case_files(
         concrete, settings.simulation, concrete.road.name, stem,
@@ -65,43 +70,52 @@ def export_case(run: Path, case: str, out: Path) -> Exported:
         ),
         f"{stem}.toml": to_toml(alone)
     }  # fmt: skip
-    columns, values = [*logical.names], [fact.values[name] for name in logical.names]
-    if fact.exposure > 0.0:  # a sample whose exposures are all 0 is refused
-        columns.append("exposure")
-        values.append(fact.exposure)
     paths = [write_page(out / name, text, "The file") for name, text in texts.items()]
-    points = write_csv(out / f"{stem}.csv", map(cell, columns), [map(repr, values)])
-    return Exported((*paths, points), line)
+    # a sample whose exposures are all 0 is refused; the exposure of the only point weighs nothing
+    values = [*map(fact.values.__getitem__, logical.names), fact.exposure or 1.0]
+    columns = map(cell, (*logical.names, "exposure"))
+    point = write_csv(out / f"{stem}.csv", columns, [map(repr, values)])
+    return Exported((*paths, point), line)
 
 
 def _evaluation(
-    settings: EvaluationSettings, fact: Fact, entry: ScenarioSettings, source: Path, points: str
+    run: Resolved, entry: ScenarioSettings, fact: Fact, points: str
 ) -> EvaluationSettings:
-    """The run's settings with this scenario, this point and this ADS alone; paths of its files made
-    absolute.
+    """The run's settings with the scenario, point and ADS of this case alone; paths of the user's
+    files made absolute.
+
+    entry: of the scenario in the run's evaluation.
+    points: name of the file with the point.
     """
+    settings = without_left_out(run, {fact.scenario})
     ads = next(item for item in settings.ads if item.name == fact.driver)
-    alone: EvaluationSettings = absolute(replace(settings, scenario=(entry,), ads=(ads,)), source)
+    alone: EvaluationSettings = absolute(
+        replace(settings, scenario=(entry,), ads=(ads,)), run.source
+    )
     (scenario,) = alone.scenario
-    sampling = SamplingSettings(method="file", file=points)  # the file has the exposure, too
+    sampling = SamplingSettings(method="file", file=points)
     return replace(
         alone,
+        # no exposure of its own: that of the point stands in its file
         scenario=(replace(scenario, sampling=sampling, exposure=ExposureSettings()),),
-        run=replace(settings.run, qualification=""),  # `settings` has that of the whole run
+        # `only` names cases by their numbers in the run, and the qualification is for all its ADSs
+        run=replace(settings.run, only=(), qualification=""),
     )
 
 
-# settings that are paths of files, and settings that may hold a path, as `my_ads.py:MyAds`
+# settings that are paths of files; `extras/wheel/outcome.py` needs `qualification`
 _PATHS = "file", "files", "recordings", "cases", "qualification"
+# settings that may be locators, which may hold a path, as `my_ads.py:MyAds`; `method` of sampling,
+# and `use` where it is not a scenario file
 _LOCATORS = "use", "method", "controller", "source", "severity"
 
 
 def absolute(value: Any, source: Path, name: str = "") -> Any:
-    """Settings, or the value of one, with the paths of files absolute, so that they hold in a file
-    of any folder.
+    """Settings, or the value of one, with the paths of files absolute, so that an evaluation in any
+    folder may have them.
 
     source: the folder that relative paths start from.
-    name: of the setting.
+    name: of the setting that has the value; "" for tables of settings.
     """
     if is_dataclass(value) and not isinstance(value, type):
         items = ((item.name, getattr(value, item.name)) for item in fields(value))

@@ -1,7 +1,7 @@
 """An evaluation with its scenarios: looked up once, then passed to everything that needs them.
 
-Users: `cli/`, `evaluation.py`, `record/`, `results.py`, `scoring/`, `extras/gym/episodes.py`,
-`extras/rates/campaign.py`.
+Users: `cli/`, `evaluation.py`, `record/`, `results.py`, `scoring/`, `report/export_case.py`,
+`extras/gym/episodes.py`, `extras/rates/campaign.py`.
 """
 
 from __future__ import annotations

@@ -14,13 +14,14 @@ import sumo_eval
 from sumo_eval.errors import StoppedError
 from sumo_eval.record.facts import record_facts, resolve
 from sumo_eval.record.only import narrowed, points_only
-from sumo_eval.record.points import choose_points
+from sumo_eval.record.points import choose_points, scenario_weights
 from sumo_eval.record.run_folder import read_manifest, read_settings
 from sumo_eval.report.headline import headline
 from sumo_eval.scenario.catalogue import load
 from sumo_eval.scenario.resolved import Resolved
 from sumo_eval.scoring.steps import Scoring
 from sumo_eval.settings import (
+    DriverSettings,
     MethodSettings,
     RankingSettings,
     ReportSettings,
@@ -205,6 +206,20 @@ def test_only_knows_cases_of_names_that_hold_numbers(tmp_path):
     both = replace(settings, run=cases)
     assert points_only(range(9), both, "cut-in", 9) == [1]
     assert points_only(range(9), both, "cut-in-2026-de", 9) == [3]
+
+
+def test_what_only_leaves_of_an_evaluation_can_be_read_again(tmp_path):
+    """The run's folder keeps it, and scoring reads it there."""
+    settings = small(
+        {"idm": "idm"},
+        ("cut_in", "bicycle_along"),
+        run=RunSettings(only=("cut_in-0001-idm",)),
+        method=MethodSettings(ranking=RankingSettings({"cut_in": 0.0})),
+    )
+    settings = replace(settings, drivers=DriverSettings(tolerance={"headway": 0.5}))
+    kept = narrowed(Resolved.of(settings, tmp_path)).settings
+    assert list(Resolved.of(kept, tmp_path).scenarios) == ["cut_in"]
+    assert scenario_weights(["cut_in"], kept.method.ranking) == {"cut_in": 1.0}
 
 
 def test_an_exposure_of_0_at_every_point_is_refused(tmp_path):

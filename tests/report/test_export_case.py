@@ -6,6 +6,7 @@ import os
 import re
 import shutil
 import subprocess
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -23,7 +24,8 @@ from sumo_eval.record.store import open_store
 from sumo_eval.report.export_case import export_case
 from sumo_eval.scenario.catalogue import load
 from sumo_eval.scenario.sampling.samples import sample
-from sumo_eval.settings import SimulationSettings
+from sumo_eval.settings import RankingSettings, SimulationSettings
+from sumo_eval.settings.config import read_evaluation, to_toml
 
 FILE_PAGE = (ROOT / "docs" / "reference" / "scenario_file.md").read_text()
 SLOW_TRUCK = re.findall(r"```toml\n(name = .*?)```", FILE_PAGE, re.DOTALL)[0]
@@ -140,6 +142,27 @@ def rerun_equals_recording(run, scenario, ads, tmp_path):
     assert len(recorded[-1]["ego"]["time"]) > 20
     sumo_eval.evaluate(path, tmp_path / "again")
     assert drive(tmp_path / "again", f"{scenario}-0000-{ads}") == recorded
+
+
+def test_settings_of_other_scenarios_and_cases_stay_behind(run, tmp_path):
+    """The exported evaluation has one scenario and one case; each setting here names another."""
+    folder = shutil.copytree(run, tmp_path / "run")
+    written = folder / "evaluation.toml"
+    settings = read_evaluation(written)
+    others = replace(
+        settings,
+        method=replace(settings.method, ranking=RankingSettings({"cut_in": 0, "slow_truck": 2.0})),
+        report=replace(settings.report, axes={"slow_truck": ("ego_speed", "truck_speed")}),
+        drivers=replace(settings.drivers, tolerance={"truck_speed": 0.5, "gap": 0.25}),
+        run=replace(settings.run, only=("cut_in-0001-draws",)),
+    )
+    written.write_text(to_toml(others))
+    out = tmp_path / "out"
+    result = sumo_eval_cli("export", folder, "cut_in-0001-draws", "--out", out)
+    command = result.said.splitlines()[-1].partition(": sumo-eval ")[2]
+    sumo_eval_cli(*command.split(), cwd=out)
+    assert drive(out / "again", "cut_in-0000-draws") == drive(run, "cut_in-0001-draws")
+    assert read_evaluation(out / "cut_in-0001-draws.toml").drivers.tolerance == {"gap": 0.25}
 
 
 def test_the_files_are_there_and_called_like_the_case(run, tmp_path):
@@ -433,7 +456,7 @@ def test_paths_of_people_and_exposure_stay_what_they_were(run, tmp_path, monkeyp
     monkeypatch.setattr("sumo_eval.record.trust._trust_all", True)  # as `--trust` does
     export_case(folder, "cut_in-0001-draws", tmp_path / "out")
     (path,) = (tmp_path / "out").glob("*.toml")
-    alone = sumo_eval.settings.config.read_evaluation(path)
+    alone = read_evaluation(path)
     drivers = alone.drivers
     assert alone.method.collision.severity == f"{run.parent / 'harm.py'}:loss"
     assert drivers.source == f"{run.parent / 'people.py'}:drives"
