@@ -1,4 +1,4 @@
-"""Recordings of cases that have ended, of their samples, contacts and clips in the world.
+"""Recordings of ended cases, made of the samples, contacts and clips that the world holds.
 
 Users: `cosim/loop.py`, `cosim/simulation.py`.
 """
@@ -37,7 +37,9 @@ def end_case(world: World, row: int) -> None:
         _note_reactions(world, row, case)
     actors = world.cases[case].actors
     hit = _collision(world, row, actors) if reason == "contact" else None
+    # Only an actor with a SUMO model is at fault: it reacts to the ego. A script sees no ego.
     if hit is not None and hit.side == "rear" and actors[ego["struck"]].model is not None:
+        # m/s, and for how long, s, the ego was in its lane
         world.note(case, "struck_from_behind", hit.relative_speed, _in_its_lane_for(world, row))
     counts = world.others["samples"][row].tolist()
     world.ended[case] = partial(
@@ -55,7 +57,7 @@ def make_recordings(world: World, wall_time: float, batched: str = "") -> list[R
     """The recording of each case, or why it has to be driven alone.
 
     wall_time: of all cases together, s.
-    batched: as of a `Recording`.
+    batched: `Recording.batched` of each.
     """
     latencies = world.latencies.of_cases()
     recordings: list[Recording | Alone] = []
@@ -76,11 +78,12 @@ def make_recordings(world: World, wall_time: float, batched: str = "") -> list[R
 def _note_waiting(world: World, row: int, case: int) -> None:
     """Record how many acts still wait for their conditions."""
     acts = world.players.acts[row]
-    # not a `FOLLOW`: SUMO need not take over an actor
+    # a `FOLLOW`, by which SUMO takes over an actor, may wait to the end: not all actors must react
     waiting = (acts["state"] == WAITS) & (acts["kind"] != FOLLOW)
     # an actor with fewer acts than the array has columns uses the first ones
     used = np.arange(waiting.shape[1]) < world.players.plays["acts"][row][:, None]
     if count := int((waiting & used).sum()):
+        # acts that still wait, and how many should: none
         world.note(case, "trigger_never_fired", count, 0.0, count=count)
 
 
@@ -92,15 +95,17 @@ def _note_missed_goal(world: World, row: int, case: int) -> None:
     aside = abs(ego["y"] - (way["start"] + way["offset"]))
     half_lane = 0.5 * world.cases[case].road.lane_width
     if way["asked"] and aside > half_lane and ego["x"] >= way["by"]:
+        # m: x by which the ego had to be in the lane, y where it is
         world.note(case, "goal_missed", way["by"], ego["y"])
 
 
 def _note_departure(world: World, row: int, case: int) -> None:
     """Record how far the ego was from the recorded ego."""
-    # the first of `CHANNELS`
+    # time, x and y are the first of `CHANNELS`
     time, x, y = world.samples[row, 0, : world.egos["samples"][row], :3].T
     apart = departures(world.cases[case].ego.recorded, time, x, y)  # m, at each time
     most = apart.argmax()
+    # m: largest distance, distance at the end
     world.note(case, "departed", apart[most], apart[-1], first=float(time[most]))
 
 
@@ -110,6 +115,7 @@ def _note_reactions(world: World, row: int, case: int) -> None:
     begins = acts["begin"][(acts["kind"] == FOLLOW) & (acts["state"] == BEGUN)]
     if len(begins):
         first, last = float(begins.min()), float(begins.max())
+        # s: first and last time
         world.note(case, "handed_over", first, last, count=len(begins), first=first)
 
 
@@ -120,18 +126,22 @@ def _collision(world: World, row: int, actors: Sequence[Actor]) -> Collision:
     struck = int(ego["struck"])
     # the last sample is the instant of the contact
     time = float(world.samples[row, 0, ego["samples"] - 1, 0])
-    bodies = _touching(world, ego, x), _touching(world, world.others[row, struck], x)
+    vehicles = ego, world.others[row, struck]
+    bodies = [_in_straight_axes(world, vehicle, x) for vehicle in vehicles]
     return describe(time, actors[struck].name, *bodies)
 
 
-def _touching(world: World, vehicle: Any, x: float) -> Body:
-    """A vehicle where it is on the map, in the axes of the road's line at x, m.
+def _in_straight_axes(world: World, vehicle: Any, x: float) -> Body:
+    """A vehicle in the axes that touch the road's line at x, m.
 
-    In a curve, a place along and across the line does not give distances between bodies.
+    In a curve, distances between bodies do not follow from their places along and across the line.
+    Straight axes keep the distances of the map. At x, both kinds of axes agree.
     """
+    # the first fields of a vehicle's record are those of a `Body`
     body = Body(*vehicle.tolist()[:7])
     if not len(world.cast.line):
         return body
+    # all cases of a batch have equal roads
     origin = Pose(0.0, 0.0, 0.0).along(world.cases[0].road.line, x)
     ahead, left, turned = Pose(*vehicle["map"].tolist()).seen_from(origin)
     return body._replace(x=x + ahead, y=left, heading=turned)

@@ -63,6 +63,7 @@ def _reading(read: _Call) -> Any:
     def reading(*args: Any, **kwargs: Any) -> Any:
         names = GUARD.names
         try:
+            # a text that names nothing of the case stays as it is (`SumoNames`)
             inside = [names[it] if type(it) is str else it for it in args]
             named = {key: names[it] if type(it) is str else it for key, it in kwargs.items()}
             return names.outside(read(*inside, **named))
@@ -127,13 +128,14 @@ def _kept_position(reading: _Call) -> Any:
     return position
 
 
-def _nearest(reading: _Call) -> Any:
-    """`getLeader` in a quick way; after an error, or a lead vehicle of another row, by `reading`,
-    which takes the row out.
+def _quick_lead(reading: _Call) -> Any:
+    """`getLeader` by the compiled call; where that fails, `reading` answers or takes the row out.
+
+    The lead vehicle is of the same row, as every row has a road of its own.
     """
     read = insides.direct("getLeader", libsumo.vehicle.getLeader)
 
-    def nearest(vehID: Any, dist: Any = 100.0) -> Any:  # noqa: N803 - TraCI's name
+    def lead_and_gap(vehID: Any, dist: Any = 100.0) -> Any:  # noqa: N803 - TraCI's name
         names = GUARD.names
         try:
             lead, gap = read(names[vehID], dist)
@@ -141,13 +143,13 @@ def _nearest(reading: _Call) -> Any:
                 return names.back[lead], gap
             # the switch of libsumo's Python `getLeader`, which `read` bypasses
             return None if libsumo.vehicle._legacyGetLeader else (lead, gap)
-        except (libsumo.TraCIException, TypeError, KeyError):
+        except (libsumo.TraCIException, TypeError):
             return reading(vehID, dist)
 
-    return nearest
+    return lead_and_gap
 
 
-_QUICK = {"getSpeed": _kept_speed, "getPosition": _kept_position, "getLeader": _nearest}
+_QUICK = {"getSpeed": _kept_speed, "getPosition": _kept_position, "getLeader": _quick_lead}
 """Makers of stand-ins for the calls that most hooks make at every step."""
 
 
@@ -172,7 +174,7 @@ def _stand_in(domain: Any, call: str) -> Any:
         reading = _reading(read)
         if read.__code__.co_argcount == 1:  # a static method whose one argument is the name
             reading = _reading_by_name(insides.direct(call, read, kind), reading)
-        # the same test for vehicles and types: the ego's type has the ego's name
+        # `_of_ego` compares names, and the ego's type has the ego's name
         if call in _OF_MODELS and kind in ("vehicle", "vehicletype"):
             return _of_ego(reading)
         return _QUICK[call](reading) if kind == "vehicle" and call in _QUICK else reading
@@ -182,7 +184,8 @@ def _stand_in(domain: Any, call: str) -> Any:
 @functools.cache
 def _view() -> list[tuple[Any, str, Any]]:
     """The calls that differ where cases share SUMO: domain, name of the call, its stand-in."""
-    # `vars(domain)` has the writing calls, which the domains of `TRACI` guard
+    # The class of a domain of `TRACI` holds the guarded writing calls (`vars(domain)`) and inherits
+    # all others from libsumo: these need stand-ins.
     return [
         (domain, call, _stand_in(domain, call))
         for domain in TRACI.DOMAINS

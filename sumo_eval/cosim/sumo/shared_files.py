@@ -27,7 +27,8 @@ _NEVER = 1e6  # s until SUMO's driver model decides something: beyond every time
 
 
 def suffix(case: int, count: int, *, ads_asks: bool = True) -> str:
-    """Ending of the names in SUMO of one case's vehicles and edge (`road`).
+    """Ending of the names in SUMO of a case: with `ads_asks` of its vehicles, their types, its
+    edge (`road`) and route, else of the edge alone (`vehicle_names` names the vehicles).
 
     case: number of the case. count: of the cases; 1: the case is alone, and the ending is "".
     """
@@ -45,7 +46,10 @@ def name_in_sumo(name: str, suffix: str) -> str:
 
 
 def vehicle_names(cases: Sequence[ConcreteScenario], *, ads_asks: bool) -> list[list[str]]:
-    """The vehicles' names in SUMO: of each case the ego's, then those of its actors in order."""
+    """The vehicles' names in SUMO: of each case the ego's, then those of its actors in order.
+
+    ads_asks: False: a batch has short names, `7.0` being the ego of case 7.
+    """
     if ads_asks or len(cases) == 1:
         return [
             [
@@ -61,11 +65,11 @@ def vehicle_names(cases: Sequence[ConcreteScenario], *, ads_asks: bool) -> list[
 
 
 def fits_one_lane(concrete: ConcreteScenario) -> bool:
-    """Whether a single lane, as wide as the road, can stand for its lanes in SUMO.
+    """Whether a single lane can stand for all lanes of the road in SUMO.
 
     SUMO looks for lane changes where there are several lanes, which takes a third of its step, and
-    no vehicle changes lanes by itself. A curved road keeps its lanes, and so does a `lively` case.
-    The single lane has the centre line of the right-hand lane.
+    no vehicle changes lanes by itself. A curved road keeps its lanes, and so does a case whose
+    actors SUMO does not move (`ConcreteScenario.lively`).
     """
     return not (concrete.road.bent or concrete.lively)
 
@@ -73,7 +77,8 @@ def fits_one_lane(concrete: ConcreteScenario) -> bool:
 def has_shadow(concrete: ConcreteScenario, vehicle: int) -> bool:
     """Whether a vehicle has a shadow: a second body in the lane that it reaches into.
 
-    Only SUMO's driver models need shadows, and only where there are neighbouring lanes.
+    SUMO has a vehicle in one lane alone. The shadow shows it to SUMO's driver models in another
+    lane (`cosim/traffic.py`), so it exists only where they drive and there are several lanes.
 
     vehicle: 0 the ego, then the actors.
     """
@@ -82,6 +87,7 @@ def has_shadow(concrete: ConcreteScenario, vehicle: int) -> bool:
     if vehicle == 0:
         return True
     actor = concrete.actors[vehicle - 1]
+    # SUMO keeps what it drives within a lane, and has pedestrians and cyclists on no lane
     return not actor.follows_at_once and actor.body not in VULNERABLE
 
 
@@ -95,7 +101,7 @@ def shared_network_xml(cases: Sequence[ConcreteScenario], *, ads_asks: bool = Fa
 
     ads_asks: every road has all its lanes.
     """
-    road = plain(cases[0].road)
+    road = plain(cases[0].road)  # the cases of a batch have equal roads
     edges, lanes = [], []
     for case, concrete in enumerate(cases):
         name = f"road{suffix(case, len(cases), ads_asks=ads_asks)}"
@@ -120,6 +126,8 @@ def _parts(road: Road, one_lane: bool) -> tuple[str, str, str]:
 
     one_lane: a single lane stands for all lanes (`fits_one_lane`).
     """
+    # Centred on the right-hand lane, as places are measured from there: so wide that it reaches the
+    # further edge, and beyond the nearer one.
     wide = replace(road, lanes=1, lane_width=2.0 * max(road.left_edge, -road.right_edge))
     head, opening, rest = network_xml(wide if one_lane else road).partition("  <edge ")
     edge, closing, junctions = rest.partition("  <junction ")
@@ -135,8 +143,9 @@ def shared_routes_xml(
 ) -> str:
     """Vehicle types, routes and departures of all cases.
 
-    own_lanes: the roads have all their lanes, as with `ads_asks`.
-    ads_asks: SUMO's driver model of the ego is on, and every vehicle has a type of its own.
+    own_lanes: the network is one with `ads_asks`, so vehicles depart in their own lanes.
+    ads_asks: as `own_lanes`; also SUMO's driver model of the ego is on, and every vehicle has a
+        type of its own.
     """
     # names of types by their attributes: vehicles that differ in nothing share a type
     types: dict[tuple[tuple[str, str], ...], str] = {}
