@@ -6,9 +6,16 @@ from collections import Counter
 import pytest
 from refusals import refusal
 
-from sumo_eval.extras.wheel.plan import balanced_orders, read_study
+from sumo_eval.extras.wheel.plan import (
+    QuestionSettings,
+    StudySettings,
+    balanced_orders,
+    read_study,
+)
 from sumo_eval.extras.wheel.study import Participant
 from sumo_eval.extras.wheel.tape import json_lines
+
+STUDY = 'name = "x"\nrun = "r"\nconsent = "c"\n'
 
 
 @pytest.mark.parametrize("n", [1, 2, 3, 4, 5, 8])
@@ -35,3 +42,25 @@ def test_a_text_for_the_rate_is_refused(tmp_path):
     (tmp_path / "study.toml").write_text('name = "x"\nrun = "r"\nrate = "50"\n')
     with refusal(r"`rate` in .* \(line 3\) must be one of 20, 50, 100, got '50'"):
         read_study(tmp_path / "study.toml")
+
+
+@pytest.mark.parametrize(
+    "questions, words",
+    [
+        ([("score", "replay")], r"after a replay must be distinct \(button, score, score\)"),
+        ([("button", "drive")], "after a drive must be distinct"),
+        ([("effort", "drive"), ("effort", "drive")], "got 'effort'"),
+    ],
+)
+def test_questions_of_one_sheet_have_keys_of_their_own(tmp_path, questions, words):
+    """One answer replaced the other; a question `button` was asked for ever."""
+    tables = (f"[[question]]\nkey='{key}'\ntext='a'\nafter='{after}'\n" for key, after in questions)
+    (tmp_path / "study.toml").write_text(STUDY + "".join(tables))
+    with refusal(words):
+        read_study(tmp_path / "study.toml")
+
+
+def test_one_key_stands_after_the_drive_and_after_the_replay():
+    questions = QuestionSettings("effort", "a"), QuestionSettings("effort", "b", "replay")
+    own_score = QuestionSettings("score", "How well did you drive?")
+    StudySettings("x", "r", "c", question=(*questions, own_score))

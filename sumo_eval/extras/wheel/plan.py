@@ -11,7 +11,7 @@ from typing import Annotated, Literal, NamedTuple
 
 from annotated_types import Le
 
-from sumo_eval.errors import InputError, check_known, must_be
+from sumo_eval.errors import InputError, check_known, doubled, must_be
 from sumo_eval.extras.wheel.quality import QualitySettings
 from sumo_eval.frozen import frozen, required
 from sumo_eval.groups import grouped
@@ -61,6 +61,12 @@ class QuestionSettings(Checked):
     most: str = setting("", "what 10 means")
 
 
+SCORE = QuestionSettings(
+    "score", "How well did the blue car drive?", "replay", "very badly", "very well"
+)
+"""The question of the paper's Fig. 11, asked after every replay."""
+
+
 @frozen
 class StudySettings(Checked):
     """A study: participants drive concrete scenarios of a run and rate how its ADSs drive there."""
@@ -85,6 +91,16 @@ class StudySettings(Checked):
     practice: PracticeSettings = PracticeSettings()
     question: tuple[QuestionSettings, ...] = setting((), "further questions")
     quality: QualitySettings = QualitySettings()
+
+    def __post_init__(self) -> None:
+        Checked.__post_init__(self)
+        questions = SCORE, *self.question
+        for after in ("drive", "replay"):
+            # The answers of a sheet stand under these keys; `button`: how it was left.
+            keys = "button", *(it.key for it in questions if it.after == after)
+            if double := doubled(keys):
+                owner = f"a sheet after a {after}"
+                raise must_be("`question.key`", owner, f"distinct ({', '.join(keys)})", double[0])
 
 
 class StudyCase(NamedTuple):

@@ -23,6 +23,7 @@ from sumo_eval.extras.wheel.page import drive_view, replay, sheet
 from sumo_eval.extras.wheel.plan import (
     HIGH,
     LOW,
+    SCORE,
     PracticeSettings,
     QuestionSettings,
     StudyCase,
@@ -41,10 +42,6 @@ if TYPE_CHECKING:
     from sumo_eval.extras.wheel.window import Window
 
 CODE = re.compile(r"[A-Za-z0-9_-]{1,20}")
-SCORE = QuestionSettings(
-    "score", "How well did the blue car drive?", "replay", "very badly", "very well"
-)
-"""The question of the paper's Fig. 11, asked after every replay."""
 CONTINUE = ["go", "Continue"]
 """A button: the answer `button` that it gives, and its words."""
 
