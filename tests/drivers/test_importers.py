@@ -593,6 +593,25 @@ def test_two_cars_in_few_samples_are_each_in_a_lane(tmp_path):
     assert table["y"].to_numpy() == pytest.approx(3.5 * table["lane"].to_numpy(), abs=1e-6)
 
 
+def test_a_parked_car_with_noise_of_its_places_is_no_path(tmp_path):
+    """Its steps add up to 1.6 km within a box of half a metre."""
+    t = np.arange(0.0, 12.0, 0.1)
+    cars = [(t + 4.0 * i, 20.0 * t, 3.5 * (i % 2) + 0.0 * t) for i in range(6)]
+    t = np.arange(0.0, 1000.0, 0.1)
+    x, y = np.random.default_rng(0).normal(0.0, 0.1, (2, len(t)))
+    found = on_a_map(tmp_path, *cars, (t, 120.0 + x, y - 6.0))
+    assert "a-1: 6 vehicles along one path, lanes 3.50 m wide." in found.notes
+    assert "a: 1 vehicles that move less than 30 m are left out." in found.notes
+
+
+def test_a_path_goes_on_where_a_car_stood_with_noise_of_its_places(tmp_path):
+    t = np.arange(0.0, 1000.0, 0.1)  # 100 m, a stand of 980 s, 100 m
+    x = np.interp(t, [10.0, 990.0], [0.0, 1e-3]) + 10.0 * (t.clip(max=10.0) + (t - 990.0).clip(0.0))
+    x, y = np.stack([x, 0.0 * t]) + np.random.default_rng(0).normal(0.0, 0.1, (2, len(t)))
+    table = on_a_map(tmp_path, (t, x, y)).table
+    assert table["x"].max() == pytest.approx(200.0, abs=1.0)
+
+
 def test_law_places_do_not_jump_from_lap_to_lap(tmp_path):
     angle = np.arange(0.0, 14.0, 0.013)  # 1.3 m a sample, over two laps of 628 m
     x, y = 100.0 * np.sin(angle), 100.0 * np.cos(angle)

@@ -13,6 +13,7 @@ Users: `drivers/recorded/importers/commonroad.py`, `drivers/recorded/importing.p
 """
 
 from collections.abc import Iterable
+from math import hypot
 from typing import Any
 
 import numpy as np
@@ -23,9 +24,9 @@ from sumo_eval.drivers.recorded.recordings import STANDARD_LANE, smooth
 from sumo_eval.errors import InputError, must_be
 from sumo_eval.trajectory import FloatArray
 
-SHORTEST_AXIS = 30.0  # m; what moves less far than this is no path
-LONGEST_AXIS = 1e6  # m; what moves further has a wrong place, and its axis would fill the memory
-AXIS_SPACING = 1.0  # m between the points of an axis
+SHORTEST_AXIS = 30.0  # m; diagonal of the box around a track; a smaller one is no path
+LONGEST_AXIS = 1e6  # m; a longer track has a wrong place, and its axis would fill the memory
+AXIS_SPACING = 1.0  # m between the points of an axis; what moves less is noise of standing still
 AXIS_SMOOTHING = 31  # points over which the axis is smoothed
 HALF_WIDTH = 16.0  # m to each side of the axis that belong to its road
 # a vehicle that heads further off than this does not drive along the axis
@@ -76,17 +77,19 @@ def _streams(rows: DataFrame) -> tuple[list[DataFrame], dict[str, int]]:
     by reason.
     """
     tracks = rows.groupby("vehicle")[["x", "y"]]
-    steps: Any = tracks.diff()
-    lengths = np.hypot(steps["x"], steps["y"]).groupby(rows["vehicle"]).sum()
+    paths = {name: _without_standing(track.to_numpy()) for name, track in tracks}
+    lengths = Series({name: distances(path)[-1] for name, path in paths.items()})
     lengths = lengths.sort_values(ascending=False)
     if lengths.iloc[0] > LONGEST_AXIS:
         raise must_be(
             f"The path of vehicle `{lengths.index[0]}`", f"recording `{rows['recording'].iloc[0]}`",
             f"at most {LONGEST_AXIS:g} m long", f"{lengths.iloc[0]:g} m",
         )  # fmt: skip
-    rest = list(lengths.index[lengths >= SHORTEST_AXIS])  # vehicles without a stream, longest first
+    # The steps of a parked car's noise add up to a long track, but its box stays small.
+    boxes = {name: np.hypot(*np.ptp(path, axis=0)) for name, path in paths.items()}
+    # vehicles without a stream, longest first
+    rest = [name for name in lengths.index if boxes[name] >= SHORTEST_AXIS]
     standing = len(lengths) - len(rest)
-    paths = {name: track.to_numpy() for name, track in tracks}
     streams = []
     while rest:
         axis = _chained(rest[0], {name: paths[name] for name in rest})
@@ -105,6 +108,20 @@ def _streams(rows: DataFrame) -> tuple[list[DataFrame], dict[str, int]]:
         "samples of vehicles off the path that they drive along or on another lap of it are left "
         "out": samples,
     }
+
+
+def _without_standing(track: FloatArray) -> FloatArray:
+    """The places (n, 2) of a track that are `AXIS_SPACING` or more from the one before, m.
+
+    A vehicle that stands still has noisy places. They would bring a line back to itself.
+    """
+    kept = [0]
+    last_x, last_y = track[0]
+    for number, (x, y) in enumerate(track.tolist()):
+        if hypot(x - last_x, y - last_y) >= AXIS_SPACING:
+            kept.append(number)
+            last_x, last_y = x, y
+    return track[kept]
 
 
 def _chained(longest: str, paths: dict[str, FloatArray]) -> FloatArray:
