@@ -49,9 +49,9 @@ class Opinion(NamedTuple):
 
     rows: one for each rated ADS and scenario.
     correlations: score of `HIGHER_IS_BETTER` -> its Spearman's rho with the mean ratings; None
-        where fewer than `FEWEST` rows have the score, or where all ratings or all scores are equal.
+        where fewer than `FEWEST` rows have the score, or where all means or all scores are equal.
     concordance: Kendall's W between the raters who rated all rows; None for fewer than two such
-        raters, or where each of them gave one rating to all.
+        raters or two rows, or where each of them gave one rating to all.
     """
 
     rows: tuple[RatedScore, ...]
@@ -90,9 +90,9 @@ def compare_opinion(evaluation: Evaluation, ratings: DataFrame) -> Opinion:
         score, values = evaluation.score(str(ads), str(scenario)), group["score"]
         deviation = values.std() if values.size > 1 else 0.0
         scores = {name: getattr(score, field) for name, field in HIGHER_IS_BETTER.items()}
-        rows.append(
-            RatedScore(score.ads, score.scenario, values.mean(), deviation, values.size, scores)
-        )
+        # Only digits that the order of the ratings does not change: equal means must tie in rank.
+        mean = round(values.mean(), 9)
+        rows.append(RatedScore(score.ads, score.scenario, mean, deviation, values.size, scores))
 
     correlations: dict[str, Agreement | None] = {}
     for name in HIGHER_IS_BETTER:
@@ -104,10 +104,10 @@ def compare_opinion(evaluation: Evaluation, ratings: DataFrame) -> Opinion:
 
     # a row for each rater, a column for each ADS and scenario; without raters who left one out
     table = ratings.pivot_table(index="rater", columns=["ads", "scenario"], values="score").dropna()
-    several = min(table.shape) >= 2
-    return Opinion(
-        tuple(rows), correlations, _defined(concordance(table.to_numpy())) if several else None
-    )
+    between = None
+    if min(table.shape) >= 2:  # `concordance` needs two raters and two items
+        between = _defined(concordance(table.to_numpy()))
+    return Opinion(tuple(rows), correlations, between)
 
 
 def _defined(agreement: Agreement) -> Agreement | None:
@@ -125,7 +125,7 @@ def opinion_lines(opinion: Opinion) -> Iterator[str]:
         table.append((row.ads, row.scenario, mean, str(row.raters), *scores))
     yield from aligned(table)
     for name, rho in opinion.correlations.items():
-        words = "fewer than 3 rated scores, or all alike: no correlation."
+        words = f"fewer than {FEWEST} rated scores, or all alike: no correlation."
         if rho is not None:
             ends = rank_interval(rho.value, rho.n)
             within = "" if ends is None else f" [{ends[0]:z.2f}, {ends[1]:z.2f}]"
@@ -136,6 +136,8 @@ def opinion_lines(opinion: Opinion) -> Iterator[str]:
         yield f"{name}: {words}"
     between = opinion.concordance
     words = "fewer than two rated everything, or each gave one score to all: no concordance."
+    if len(opinion.rows) < 2:
+        words = "fewer than two rated scores: no concordance."
     if between is not None:
         words = (
             f"Kendall's W {between.value:z.3f} of {between.n} who rated everything "
@@ -190,6 +192,6 @@ def write_opinion(opinion: Opinion, run: Path, page: Path) -> None:
     title = "People's opinion and the scores"
     write_study(
         page, kicker=run.name, title=title, sentences=(),
-        figures={title: on_page(opinion_panels(run), 4, 700)},  # 4 in a row, 700 px in all
+        figures={title: on_page(opinion_panels(run), 4, 700)},  # 4 in a row, 700 px high
         least_width=1000
     )  # fmt: skip
