@@ -1,5 +1,5 @@
-"""Reading of a scenario file in TOML into a `LogicalScenario`, and its check with vehicles at every
-point of its sample.
+"""Reading of a scenario file in TOML into a `LogicalScenario` with the options that `use` sets, and
+its check with vehicles at every point of a sample.
 
 `scenario/file_tables.py` has the tables and keys of such a file, which are a public format.
 
@@ -31,7 +31,8 @@ from sumo_eval.trajectory import FloatArray
 def read_scenario(path: Path, texts: Mapping[str, str] | None = None) -> LogicalScenario:
     """The logical scenario in a TOML file.
 
-    texts: of the options that `use` sets, by name, as the user wrote them.
+    texts: values of the options that `use` sets, by name, as the user wrote them: "1.5" of
+        `use = "cut_in?lateral_acceleration=1.5"`.
 
     Raises InputError naming what is wrong.
     """
@@ -58,7 +59,8 @@ def _with_options(
 ) -> tuple[ScenarioFile, dict[str, float]]:
     """The file as the options set by `use` change it, and the value of every option by name."""
     owner = f"scenario `{table.name}`"
-    # an option without a default is infinite unless `use` sets it
+    # an option without a default is infinite unless `use` sets it, so that `min(..., option)` is
+    # not limited
     values = {
         item.name: math.inf if item.default is None else item.default for item in table.option
     }
@@ -74,7 +76,7 @@ def _value(option: OptionTable, text: str, owner: str) -> float:
     """The value that a text gives an option, checked."""
     wanted = "a finite number" + ("" if option.unit == "1" else f" of {option.unit}")
     wanted += "" if option.above is None else f" above {option.above:g}"
-    value = number_in(text)
+    value = number_in(text)  # nan for a text that is no finite number
     if math.isnan(value) or (option.above is not None and value <= option.above):
         raise must_be(f"`{option.name}`", owner, wanted, text)
     return value
@@ -98,7 +100,8 @@ def _changed(table: ScenarioFile, option: OptionTable, value: float) -> Scenario
 def check_file(path: Path, texts: Mapping[str, str] | None = None) -> tuple[str, ...]:
     """Read a scenario file and place its vehicles at every point of its own sample.
 
-    Returns sentences for the user about the space, its sample and its exposure.
+    Returns sentences for the user: the space, its sample and exposure, vehicles that leave the
+    road, notes of the scenario and of the sample.
 
     texts: as in `read_scenario`.
     Raises InputError at the first fault.
@@ -126,7 +129,7 @@ def leaving(logical: LogicalScenario, points: FloatArray) -> Iterator[str]:
     """A sentence for each vehicle whose script leads beyond the road at some of the points (n,
     k).
     """
-    # the time limit of a run is not known here: take the default
+    # without a limit of its own, that of a run's settings, which are not known here: the default
     limit = SimulationSettings().time_limit if logical.time_limit is None else logical.time_limit
     end = logical.road.end
     # by vehicle: (time, point in words) of each of its departures
@@ -171,7 +174,8 @@ def _check_point(logical: LogicalScenario, concrete: ConcreteScenario) -> None:
     ego_body = logical.ego_body or STANDARD_EGO
     for fault in misplaced(logical.road, concrete.ego, ego_body, concrete.actors):
         raise must_be(fault.what, owner, fault.must, fault.got)
-    # the time limit of a run is not known here: any moment may count
+    # without a limit of its own, that of a run's settings, which may be any: refuse only a move
+    # that never begins, however long the case lasts
     limit = math.inf if logical.time_limit is None else logical.time_limit
     for actor, index in never_begin(concrete, limit):
         name = actor.acts[index].name or f"number {index + 1}"

@@ -38,8 +38,8 @@ _CONVERSIONS = {
 }  # fmt: skip
 """Other units, in lower case: the known unit that each becomes, and the factor for its numbers."""
 
-# a number with a unit, as `30 km/h`; groups: number, unit, which begins with neither digit nor "."
-_WITH_UNIT = re.compile(r"\s*([-+]?\d+(?:\.\d*)?)\s*([^\s\d.][^()]*?)\s*")
+# the number that a text begins with, as `30` or `1e3`
+_NUMBER = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)")
 
 
 def spelt(unit: str) -> str:
@@ -63,7 +63,8 @@ def factor_to(own: str, unit: str, column: str) -> float:
 def si_factor(unit: str) -> float | None:
     """The factor from numbers in a unit to the SI unit; None: the unit is unknown."""
     factors = {name: factor for name, (_, factor) in _CONVERSIONS.items()}
-    factors |= dict.fromkeys(KNOWN, 1.0) | {"deg": math.radians(1.0)}
+    # the units of `KNOWN` are SI units, except these two
+    factors |= dict.fromkeys(KNOWN, 1.0) | {"deg": math.radians(1.0), "1/km": 0.001}
     return factors.get(spelt(unit).lower())
 
 
@@ -81,12 +82,14 @@ def in_own_unit(value: float, factor: float) -> float:
 
 def refuse_unit(formula: str | float, owner: str) -> None:
     """Refuse a number with a unit where a formula should be: `30 km/h`."""
-    match = _WITH_UNIT.fullmatch(str(formula))
+    text = str(formula)
+    match = _NUMBER.match(text)
     if not match:
         return
-    value, unit = match.groups()
+    value, unit = match[1], text[match.end() :].strip()
     own, factor = _CONVERSIONS.get(unit.lower(), (spelt(unit), 1.0))
-    if own in KNOWN:
+    # spellings of `1` are not units here: `30`, an unfinished `30 -`
+    if own in KNOWN and unit not in ("", "-", "1"):
         raise InputError(
             f"{owner} must be a number without a unit, got {formula}: as {own} write "
             f"{factor * float(value):.6g}."
@@ -94,7 +97,7 @@ def refuse_unit(formula: str | float, owner: str) -> None:
 
 
 def check_unit(unit: str, owner: str, numbers: Mapping[str, float | None]) -> None:
-    """Refuse a unit in which the numbers of a parameter or option cannot be.
+    """Refuse a unit of a parameter or option that is not one of `KNOWN`.
 
     numbers: its numbers in the file by key; the message converts them.
     """
@@ -113,10 +116,12 @@ def check_unit(unit: str, owner: str, numbers: Mapping[str, float | None]) -> No
 
 
 def check_uses(table: Any, units: Mapping[str, str], where: str) -> None:
-    """Refuse a key that is set to the name of a parameter with another unit than the key's.
+    """Refuse a key that is set to the name of a parameter or option with another unit than the
+    key's.
 
-    table: a table of settings, with the tables in it.
-    units: of parameters by name; `1` always fits.
+    table: a table of the scenario file, with the tables in it.
+    units: of parameters and options by name; `1` always fits.
+    where: name of the file in errors.
     """
     for item, key, name in _texts_in(table):
         wanted = about(type(item), key).unit

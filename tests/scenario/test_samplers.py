@@ -31,7 +31,7 @@ from sumo_eval.scenario.sampling.combinations import tuples_of
 from sumo_eval.scenario.sampling.listed_points import from_csv
 from sumo_eval.scenario.sampling.request import Request
 from sumo_eval.scenario.sampling.samples import all_methods, sample
-from sumo_eval.scenario.units import factor_to, in_own_unit
+from sumo_eval.scenario.units import factor_to, in_own_unit, si_factor
 
 CUT_IN, CUT_OUT = catalogue.load("cut_in"), catalogue.load("front_vehicle_cut_out")
 DRAWN = ("latin_hypercube", "sobol", "halton", "exposure", "exposure_danger")
@@ -269,6 +269,13 @@ def test_law_a_number_of_few_digits_in_another_unit_stays_one():
         assert in_own_unit(float(number), centimetres) == number / 100.0
         assert in_own_unit(number * 18 / 10.0, kilometres) == number / 2.0
     assert in_own_unit(0.1 + 0.2, 1.0) == 0.1 + 0.2
+
+
+def test_factors_to_si_units():
+    """180 deg = pi; 5 per km = 0.005 per m. FMUs describe some units by their names alone."""
+    assert 180.0 * si_factor("°") == pytest.approx(np.pi)
+    assert 5.0 * si_factor("1/km") == pytest.approx(0.005)
+    assert [si_factor(unit) for unit in ("m/s^2", "1/m", "rod")] == [1.0, 1.0, None]
 
 
 @pytest.mark.parametrize(

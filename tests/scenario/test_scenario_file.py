@@ -395,6 +395,8 @@ def test_a_speed_in_other_units_is_never_driven_as_m_s(short, unit):
     rows_of("""
 speed = "v" | speed = "30 km/h" | without a unit, got 30 km/h: as m/s write 8.33333
 gap = 40.0 | gap = "12 ft" | without a unit, got 12 ft: as m write 3.6576
+gap = 40.0 | gap = "1e3 mm" | without a unit, got 1e3 mm: as m write 1.
+gap = 40.0 | gap = "30 -" | invalid syntax
 unit = "m/s" | unit = "m"
 | `speed` in scenario file short.toml must be in m/s, got `v`, which is in m
 x = 280.0 | x = 5.0 | must be beyond the ego's start, x = 10 m, got 5.0
