@@ -24,8 +24,8 @@ _PACKAGE = Path(__file__).parent.parent
 # rooms and files of this package that scores depend on
 _ROOMS = "drivers", "method", "record", "scenario", "scoring", "settings"
 _FILES = (
-    "case_table.py", "cases.py", "coded.py", "evaluation.py", "results.py", "score_notes.py",
-    "trajectory.py"
+    "case_table.py", "cases.py", "coded.py", "evaluation.py", "groups.py", "kernels.py",
+    "results.py", "score_notes.py", "trajectory.py"
 )  # fmt: skip
 _READERS = "extras/openscenario"  # makes scenarios of files, as the room `scenario` does
 _LIBRARIES = "numpy", "scipy", "numba"  # whose version may change a score
@@ -33,7 +33,8 @@ _LIBRARIES = "numpy", "scipy", "numba"  # whose version may change a score
 
 @cache
 def sources(*rooms: str) -> str:
-    """A hash of the files of this package that scores come from, or of some rooms alone.
+    """A hash of the files of this package that scores come from, or only those of some rooms and
+    the files that belong to no room.
 
     It includes the versions of the libraries that compute, and of the packages that read scenarios.
     """
@@ -43,7 +44,7 @@ def sources(*rooms: str) -> str:
         for ending in ("*.py", "*.toml", "*.j2", "*.js", "*.css")
         for file in (_PACKAGE / room).rglob(ending)
     ]
-    files += [] if rooms else [_PACKAGE / name for name in _FILES]
+    files += [_PACKAGE / name for name in _FILES]
     readers = [
         (reader.value, reader.dist and reader.dist.version) for reader in entry_points(group=GROUP)
     ]

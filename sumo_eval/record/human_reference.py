@@ -5,17 +5,17 @@ All three need the trajectory fields of the same drives, so the comparisons at o
 job. `scoring.likeness` requests the jobs; processes read the drives from the store and compute
 them.
 
-The results depend on the recorded drives and the settings alone, so a run's folder keeps them
-(`record.kept_results`). Scoring, explaining or comparing the run again reads them there, and
-scoring that was stopped continues where it was.
+The results depend on the recorded drives, the road, the settings and this package's code. A run's
+folder keeps them under a hash of these (`record.kept_results`). Scoring, explaining or comparing
+the run again reads them there, and scoring that was stopped continues where it was.
 
 Users: `evaluation.py`, `scoring/confidence/drivers.py`, `scoring/drive_beside.py`,
 `scoring/likeness.py`, `scoring/steps.py`.
 """
 
+import functools
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager
-from functools import cache
 from pathlib import Path
 from statistics import fmean
 from typing import Any, NamedTuple, Self
@@ -149,7 +149,7 @@ def compute_points(
     run: folder whose facts have the drives.
     spread: `map` or that of `point_processes`.
     progress: receives the number of jobs that are done.
-    cache: where results are looked up, and put.
+    cache: of the run's folder, where results are looked up and put.
     """
     keys = _keys(run, jobs, settings)
     # results in their kept form, by name; `name[0]` is the kind of result
@@ -158,15 +158,15 @@ def compute_points(
     }
     wanted = [(job, [name for name in job.names if name not in results]) for job in jobs]
     missing = [(job, names) for job, names in wanted if names]
-    parts = [
+    chunks = [
         (run, missing[first : first + _CHUNK], settings) for first in range(0, len(missing), _CHUNK)
     ]
     done = len(jobs) - len(missing)
     new = list[KeptPart]()
-    for part in spread(_compute_part, parts):
-        results |= part
-        # a result is one part, so its place is 0
-        new += [(name[0], keys[name], 0, data) for name, data in part.items()]
+    for computed in spread(_compute_chunk, chunks):
+        results |= computed
+        # a result is one part of the cache, so its place is 0
+        new += [(name[0], keys[name], 0, data) for name, data in computed.items()]
         done = min(done + _CHUNK, len(jobs))
         if len(new) >= _KEPT_AT_ONCE or done == len(jobs):
             cache.put(new)
@@ -193,13 +193,14 @@ def _decoded(results: Mapping[Name, bytes]) -> PointResults:
 def _keys(
     run: Path, jobs: Sequence[PointJob], settings: AnthropomorphicSettings
 ) -> dict[Name, bytes]:
+    """The key of each result in the cache: a hash of all that it depends on."""
     keys: dict[Name, bytes] = {}
+    # rooms whose code reads the drives, compares them and keeps the results
+    code = sources("method", "record", "scenario", "settings")
     with open_store(run) as store:
-        hash_of = cache(store.case_hash)
+        hash_of = functools.cache(store.case_hash)  # a driver occurs in several jobs
         for job in jobs:
-            common = key_of(
-                job.road, settings, list(map(hash_of, job.drivers)), sources("method", "record")
-            )
+            common = key_of(job.road, settings, list(map(hash_of, job.drivers)), code)
             for kind, owner in job.names:
                 own = hash_of(owner) if isinstance(owner, str) else b""
                 exchanges = job.exchanges if kind == "left_out" else ()
@@ -210,11 +211,14 @@ def _keys(
 # --- computing ------------------------------------------------------------------------------------
 
 
-def _compute_part(
-    part: tuple[Path, Sequence[tuple[PointJob, Sequence[Name]]], AnthropomorphicSettings],
+def _compute_chunk(
+    chunk: tuple[Path, Sequence[tuple[PointJob, Sequence[Name]]], AnthropomorphicSettings],
 ) -> dict[Name, bytes]:
-    """Some of the results of some jobs, encoded: those with the names beside each job."""
-    run, jobs, settings = part
+    """The missing results of some jobs, encoded. Runs in a process of its own.
+
+    chunk: folder of the run; each job with the names of its missing results; the settings.
+    """
+    run, jobs, settings = chunk
     with open_store(run, checked=True) as store:  # `_keys` has checked the file
         return {
             name: encoded(record)
@@ -253,6 +257,7 @@ def _compute(
         elif name[0] == "band":
             yield name, values
         else:
+            # `if`: for the type checker; every pairing of `_left_out` asks for the likeness
             likeness = [index.likeness.value for index in group if index.likeness]
             yield name, LeftOut(*(Varied.of(it, len(drivers)) for it in (values, likeness)))
 

@@ -129,8 +129,10 @@ def drive_results(
     """
     logical, hash_of = space.logical, space.store.case_hash
     road, margin = logical.road, space.method.task.road_margin
-    # all that the path of a conflicting actor may depend on: the scenario's files, and our code
-    files = space.entry.use, space_key(space.entry, space.source), sources("scenario", "settings")
+    # all that the path of a conflicting actor may depend on: the scenario's files, and the code of
+    # this package
+    files = space.entry.use, space_key(space.entry, space.source)
+    code = sources("method", "record", "scenario", "scoring", "settings")
     references_at = grouped((fact.point, fact.case) for fact in references if fact.status == "ok")
     results = {}  # case -> encoded result from the cache
     keys = {}  # case -> key in the cache
@@ -145,8 +147,7 @@ def drive_results(
         start = concrete.ego
         # a result depends on the point's references (this key) and on its own drive (`hash_of`)
         common = key_of(
-            [hash_of(case) for case in others], road, margin, start.x, start.way, files,
-            sources("method", "scoring")
+            [hash_of(case) for case in others], road, margin, start.x, start.way, files, code
         )  # fmt: skip
         for fact in facts:
             keys[fact.case] = key_of(common, hash_of(fact.case))

@@ -2,6 +2,7 @@
 over only while it is what computing it again would give.
 """
 
+import shutil
 import sqlite3
 from contextlib import closing
 from dataclasses import replace
@@ -14,7 +15,7 @@ from refusals import refusal
 
 import sumo_eval
 from sumo_eval.method.anthropomorphic import Pairing, anthropomorphic_index, indexes_by_group
-from sumo_eval.record import human_reference
+from sumo_eval.record import fingerprint, human_reference
 from sumo_eval.record.human_reference import PointJob, compute_points
 from sumo_eval.record.kept_results import KEPT, KeptResults
 from sumo_eval.record.store import open_store
@@ -107,6 +108,27 @@ def test_what_is_kept_is_what_was_computed_to_the_last_digit(job, monkeypatch):
     assert computed((run, replace(wanted, band=False))).left_out == first.left_out
     with pytest.raises(AssertionError, match="computed again"):
         computed(job, replace(SETTINGS, slice_spacing=10.0))
+
+
+SOURCES = ["trajectory.py", "kernels.py", "coded.py", "scenario/road/lanes.py", "record/kept.py"]
+
+
+@pytest.mark.parametrize("name", SOURCES)
+def test_a_result_of_other_code_is_not_taken_over(job, monkeypatch, tmp_path, name):
+    package = tmp_path / "sumo_eval"
+    shutil.copytree(fingerprint._PACKAGE, package, ignore=shutil.ignore_patterns("__pycache__"))
+    monkeypatch.setattr(fingerprint, "_PACKAGE", package)
+    # the key does not depend on the package's folder
+    keys = [human_reference._keys(job[0], [job[1]], SETTINGS)]
+    for text in ("", "# changed"):
+        with (package / name).open("a") as file:
+            file.write(text)
+        fingerprint.sources.cache_clear()
+        keys.append(human_reference._keys(job[0], [job[1]], SETTINGS))
+    fingerprint.sources.cache_clear()
+    first, copied, changed = (set(it.values()) for it in keys)
+    assert first == copied
+    assert not first & changed
 
 
 @pytest.mark.parametrize("spacing", [0.5, 2.5])

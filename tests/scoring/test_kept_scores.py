@@ -110,7 +110,7 @@ def test_stopped_scoring_continues_where_it_was(done, copy, monkeypatch):
     (copy / KEPT).unlink()
     monkeypatch.setattr(steps, "POINTS_AT_ONCE", 2)
     computed = []
-    compute = human_reference._compute_part
+    compute = human_reference._compute_chunk
 
     def counting(part):
         computed.append(len(part[1]))
@@ -120,7 +120,7 @@ def test_stopped_scoring_continues_where_it_was(done, copy, monkeypatch):
         if "comparison" in stage and points >= of / 2:
             raise KeyboardInterrupt
 
-    monkeypatch.setattr(human_reference, "_compute_part", counting)
+    monkeypatch.setattr(human_reference, "_compute_chunk", counting)
     with pytest.raises(KeyboardInterrupt):
         sumo_eval.score(copy, progress=stopping)
     before = sum(computed)
