@@ -63,13 +63,14 @@ def judge_night(
     """
     bases = find_bases(history, database, evaluation, gate)
     folder = history / AGAIN
-    # in two steps: `bad_again` needs the repeats, and gives the number of bad drives
-    noise = Noise(repeats_of(evaluation, gate, folder, progress))
+    repeats = repeats_of(evaluation, gate, folder, progress)
+    noise = Noise(repeats, {}, keys_of(evaluation, database.shaky()), bases.steady)
     bad = bad_again(bases.comparisons, evaluation, noise, gate, folder)
-    noise = Noise(noise.repeats, bad, keys_of(evaluation, database.shaky()), bases.steady)
+    # A case may be bad in all drives compared with one base, and in some compared with the other.
+    noises = [noise._replace(bad=drives) for drives in bad]
     accept = shlex.join(["sumo-eval", "accept", str(history), "--reason", "..."])
     gates = [
-        *judge(evaluation, bases.comparison, gate, noise),
+        *judge(evaluation, bases.comparison, gate, noises[0] if noises else noise),
         *judge_repeats(noise, bases.good, database, gate),
     ]
     if bases.unusable:
@@ -78,12 +79,12 @@ def judge_night(
             missing = "no earlier good night can be compared with, so no limit was evaluated"
         missing += f". If this is meant: {accept}"
         gates.append(GateResult("pairs", "every ADS", EVERYWHERE, False, missing, 0.0, None))
-    for comparison in bases.comparisons:
+    for comparison, counted in zip(bases.comparisons, noises, strict=True):
         results = judge_pairs(comparison, gate, accept)
         if comparison is bases.pinned:  # with the accepted night
             results = [
                 result._replace(against=comparison.base_folder.name)
-                for result in (*judge_rule(comparison, gate, noise), *results)
+                for result in (*judge_rule(comparison, gate, counted), *results)
             ]
         known = {result.name for result in failed(gates)}
         gates += [result for result in failed(results) if result.name not in known]
@@ -92,7 +93,7 @@ def judge_night(
         bases,
         in_order(gates, {name: start.nights for name, start in since.items()}),
         noise,
-        frozenset(shaky_cases(evaluation, noise.bad, gate)),
+        frozenset(shaky_cases(evaluation, bad, gate)),
         evaluation.manifest.get("builds", {}),
         since,
     )

@@ -142,39 +142,56 @@ def bad_again(
     noise: Noise,
     settings: GateSettings,
     folder: Path,
-) -> dict[str, int]:
-    """Number of bad drives of each newly bad case of a noisy ADS. The case is driven
-    `settings.outcome.repeats` times more; the first drive counts, too.
+) -> list[dict[str, int]]:
+    """For each comparison: newly bad case of a noisy ADS -> number of drives that are bad compared
+    with this base. Each such case is driven `settings.outcome.repeats` times more; the first drive
+    counts, too.
 
     comparisons: with the bases.
-    noise: with the repeats alone.
+    noise: only its repeats are used.
     folder: as in `repeats_of`.
     """
-    # by key of each such case: its row in the base; units of U in the base and in the new run
-    bases = {
-        part.changed.paired.new[pair].case: (part.changed.paired.base[pair], part.units)
-        for comparison in comparisons
+    bases = [_newly_bad_cases(comparison, noise, settings) for comparison in comparisons]
+    bad = [dict.fromkeys(cases, 1) for cases in bases]
+    rerun = set().union(*bases)  # a case that is bad compared with both bases is driven once
+    for _ in range(settings.outcome.repeats):
+        rows = _rerun(evaluation, rerun, folder)
+        for cases, drives in zip(bases, bad, strict=True):
+            for case, (base, limit) in cases.items():
+                old, new = (Ends.of(CaseTable.of([it])) for it in (base, rows[case]))
+                drives[case] += any(flags.any() for flags in worse_ends(old, new, limit).values())
+    return bad
+
+
+def _newly_bad_cases(
+    comparison: Comparison, noise: Noise, settings: GateSettings
+) -> dict[str, tuple[CaseResult, float]]:
+    """Key of each newly bad case of a noisy ADS -> its row in the base, and the rise of U above
+    which a drive is bad.
+    """
+    return {
+        part.changed.paired.new[pair].case: (
+            part.changed.paired.base[pair],
+            severity_limit(settings, noise.of(part.ads), part.units),
+        )
         for part in comparison.ads
         if noise.of(part.ads).noisy
         for worse in newly_bad(part, settings, noise.of(part.ads)).values()
         for pair in worse
     }
-    bad = dict.fromkeys(bases, 1)
-    for _ in range(settings.outcome.repeats):
-        for case, row in _rerun(evaluation, bases, folder).items():
-            base, units = bases[case]
-            old, new = (Ends.of(CaseTable.of([it])) for it in (base, row))
-            limit = severity_limit(settings, noise.of(row.ads), units)
-            bad[case] += any(flags.any() for flags in worse_ends(old, new, limit).values())
-    return bad
 
 
 def shaky_cases(
-    evaluation: Evaluation, bad: Mapping[str, int], settings: GateSettings
+    evaluation: Evaluation, bad: Sequence[Mapping[str, int]], settings: GateSettings
 ) -> set[ShakyCase]:
-    """Rerun cases that were not bad in all of their drives."""
+    """Rerun cases that were not bad in all of their drives, compared with any base.
+
+    bad: from `bad_again`.
+    """
+    # case -> the most bad drives, compared with one of the bases
+    most = {case: max(it.get(case, 0) for it in bad) for drives in bad for case in drives}
     # of `repeats` + 1 drives, at least one was not bad
-    shaky = {case for case, drives in bad.items() if drives <= settings.outcome.repeats}
+    shaky = {case for case, drives in most.items() if drives <= settings.outcome.repeats}
     return {_without_key(row) for row in evaluation.cases if row.case in shaky} if shaky else set()
 
 

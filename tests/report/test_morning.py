@@ -16,8 +16,8 @@ import report_cases
 from builders import CALM, LOW_SPEED
 from laid import read_json
 from refusals import refusal
+from report_cases import HIT, pick, with_case
 from report_cases import calm as with_calm
-from report_cases import pick, with_case
 
 from sumo_eval.nightly.bases import (
     Bases,
@@ -34,7 +34,7 @@ from sumo_eval.nightly.history import Accepted, GateLine, ShakyCase, open_histor
 from sumo_eval.nightly.judgement import Judgement, Since, failing_since, judge_repeats, new_pin
 from sumo_eval.nightly.morning import _code, github_annotations, tell_github, write_night
 from sumo_eval.nightly.night import _prune, _refuse_without_history, _size
-from sumo_eval.nightly.repeats import _differences
+from sumo_eval.nightly.repeats import _differences, bad_again, shaky_cases
 from sumo_eval.nightly.rule_limits import EVERYWHERE, judge_rule
 from sumo_eval.nightly.trend import write_trend
 from sumo_eval.report.gate_result import GateResult, failed, in_order
@@ -233,6 +233,25 @@ def test_lost_repeatability_fails_and_names_its_cases(evaluation):
     (gate,) = limits([line], 6)
     assert (gate.passed, gate.worst[0].words) == (False, "1.5 max_jerk -> 9 max_jerk")
     assert limits([], 0)[0].passed
+
+
+def test_reruns_count_for_each_base(evaluation, monkeypatch):
+    """A noisy ADS collides in all five drives, softly in four. Compared with the good base, five
+    are bad. Compared with the accepted base, which collided, the hard one is."""
+    case = pick(evaluation, collided=False)
+    softly, hard = (with_case(evaluation, case, **HIT | {"severity": u}) for u in (6.0, 9.0))
+    comparisons = [compare(base, hard, SETTINGS) for base in (evaluation, softly)]
+    monkeypatch.setattr(
+        "sumo_eval.nightly.repeats._rerun",
+        lambda _, keys, __: {key: softly.case(key) for key in keys},
+    )
+    noise = Noise({CALM: Repeats(30, 0)})
+    bad = bad_again(comparisons, hard, noise, SETTINGS, None)
+    assert bad == [{case.case: 5}, {case.case: 1}]
+    assert not shaky_cases(hard, bad, SETTINGS), "no drive was as good as the good base"
+    assert shaky_cases(hard, bad[1:], SETTINGS)
+    results = judge_rule(comparisons[0], SETTINGS, noise._replace(bad=bad[0]))
+    assert [gate.quantity for gate in failed(results)] == ["collided"]
 
 
 def test_only_what_a_base_did_may_be_chance(evaluation, tmp_path):
