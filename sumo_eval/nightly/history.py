@@ -70,6 +70,9 @@ CREATE TABLE IF NOT EXISTS builds (night TEXT NOT NULL, ads TEXT NOT NULL, build
 
 
 _FIX = "Put a copy of it back, or begin a history in another folder. No night was removed."
+PATIENCE = 60.0  # s to wait for another process that holds the file locked
+# codes of SQLite's errors after which the file is as it was
+_OUTSIDE = sqlite3.SQLITE_BUSY, sqlite3.SQLITE_LOCKED, sqlite3.SQLITE_FULL, sqlite3.SQLITE_READONLY
 
 
 class Night(NamedTuple):
@@ -305,7 +308,7 @@ def open_history(folder: Path, *, create: bool = False) -> Iterator[History]:
         raise InputError(f"There is no history in {folder}: it has no {HISTORY}.")
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        connection = sqlite3.connect(path)
+        connection = sqlite3.connect(path, timeout=PATIENCE)
     except (OSError, sqlite3.Error) as error:
         raise InputError(f"The history {path} cannot be opened: {error}.") from error
     try:
@@ -332,7 +335,10 @@ def open_history(folder: Path, *, create: bool = False) -> Iterator[History]:
             )
         yield History(connection, path)
     except sqlite3.Error as error:
-        raise InputError(f"The history {path} cannot be used: {error}. {_FIX}") from error
+        # the last 8 bits are the kind of error
+        sound = getattr(error, "sqlite_errorcode", 0) & 0xFF in _OUTSIDE
+        fix = "It is as it was: remove the cause and run the command again." if sound else _FIX
+        raise InputError(f"The history {path} cannot be used: {error}. {fix}") from error
     finally:
         connection.close()
 
@@ -354,6 +360,8 @@ def _check(connection: sqlite3.Connection, path: Path) -> None:
     """Refuse a file that SQLite finds damaged anywhere, not only where it is read first."""
     try:
         state = str(connection.execute("PRAGMA integrity_check(1)").fetchone()[0])
+    except sqlite3.OperationalError:  # the file is locked, for example
+        raise
     except sqlite3.DatabaseError as error:
         raise InputError(f"{path} is not a history, or is damaged: {error}. {_FIX}") from error
     if state != "ok":

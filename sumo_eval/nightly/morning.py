@@ -195,8 +195,8 @@ def tell_github(result: NightResult) -> list[str]:
     summary = os.environ.get("GITHUB_STEP_SUMMARY")
     lines = list[str]()
     if summary:
-        text = (result.report.parent / SUMMARY).read_text("utf-8")
         try:
+            text = (result.report.parent / SUMMARY).read_text("utf-8")
             with Path(summary).open("a", encoding="utf-8") as file:
                 file.write(text)
         except OSError as error:  # the night is over, and its exit status counts

@@ -14,6 +14,7 @@ Users: `cli/compare.py`.
 
 import errno
 import itertools
+import os
 import shlex
 import shutil
 import sqlite3
@@ -21,6 +22,7 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, closing, contextmanager, nullcontext, suppress
 from datetime import UTC, datetime, timedelta
+from functools import partial
 from pathlib import Path
 
 from sumo_eval.errors import InputError, StoppedError, said
@@ -38,7 +40,8 @@ from sumo_eval.nightly.history import (
 )
 from sumo_eval.nightly.judgement import Judgement, judge_night, new_pin
 from sumo_eval.nightly.morning import NightResult, write_night
-from sumo_eval.nightly.trend import write_trend
+from sumo_eval.nightly.repeats import AGAIN
+from sumo_eval.nightly.trend import TREND, write_trend
 from sumo_eval.record.facts import resolve
 from sumo_eval.record.lock import held
 from sumo_eval.record.progress import Progress, Stopping, never, quiet
@@ -92,6 +95,7 @@ def run_night(
         # the night to continue: the newest stopped night that had begun to record
         newest_first = reversed(database.stopped_last() if resume else ())
         stopped = next((name for name in newest_first if is_run(history / NIGHTS / name)), None)
+        shutil.rmtree(history / AGAIN, ignore_errors=True)  # of a night that was killed
         notes = _clear_away(history, database, stopped)
         _refuse_without_room(history, database, stopped)
         clock = time.monotonic()
@@ -108,30 +112,32 @@ def run_night(
             notes += [*recorded.notes, *judgement.bases.notes, *_noise_notes(judgement)]
             report = _write_results(scored, judgement, notes, progress)
 
-        result = verdict(judgement.bases.comparison, judgement.gates, scored)
-        base = judgement.bases.good
-        status = _exit_status(scored, judgement)
-        line = _line(
-            scored, folder.name, f"{NIGHTS}/{folder.name}", status, result.sentence
-        )._replace(
-            base=None if base is None else base.night,
-            wall_time=None if resume else time.monotonic() - clock,
-        )
-        database.add(
-            line,
-            scored,
-            judgement.gates,
-            shaky=judgement.shaky,
-            pin=new_pin(line, judgement, database, gate),
-        )
-        write_night(history, line, result.word, judgement, notes)
-        # Only after the history has the line: a night that is stopped before needs its trajectories
-        # when --resume continues it.
-        notes += _discard(scored)
+            result = verdict(judgement.bases.comparison, judgement.gates, scored)
+            base = judgement.bases.good
+            status = _exit_status(scored, judgement)
+            line = _line(
+                scored, folder.name, f"{NIGHTS}/{folder.name}", status, result.sentence
+            )._replace(
+                base=None if base is None else base.night,
+                wall_time=None if resume else time.monotonic() - clock,
+            )
+            database.add(
+                line,
+                scored,
+                judgement.gates,
+                shaky=judgement.shaky,
+                pin=new_pin(line, judgement, database, gate),
+            )
+        # The history has the night: a failure from here on is a note.
+        results = partial(write_night, history, line, result.word, judgement, tuple(notes))
+        notes += _noted("Its results could not all be written", results)
+        # only now: a night that is stopped before needs its trajectories to continue
+        discard = partial(discard_trajectories, scored)
+        notes += _noted("Its trajectories could not be discarded", discard)
         notes += _prune(history, database, keep)
-        return NightResult(
-            line, scored, judgement, tuple(notes), report, write_trend(history, database)
-        )
+        trend = partial(write_trend, history, database)
+        notes += _noted("The trend page could not be written", trend)
+        return NightResult(line, scored, judgement, tuple(notes), report, history / TREND)
 
 
 def _noise_notes(judgement: Judgement) -> list[str]:
@@ -203,7 +209,7 @@ def _begin(history: Path, database: History, notes: list[str], resume: bool) -> 
             "order of adding."
         )
     if resume:
-        notes.append("No night was stopped before its end; this one is a new one.")
+        notes.append("There is no stopped night to continue; this one is a new one.")
     return name
 
 
@@ -221,6 +227,8 @@ def _unfinished(folder: Path, *, resumed: bool) -> Iterator[None]:
         full = (
             getattr(cause, "errno", None) in (errno.ENOSPC, errno.EDQUOT)  # the user's share
             or getattr(cause, "sqlite_errorcode", None) == sqlite3.SQLITE_FULL
+            # the error of `shutil.copytree` has no number: it lists the texts of other errors
+            or os.strerror(errno.ENOSPC) in str(cause)
         )
         if isinstance(error, InputError) and not full:
             if not resumed:
@@ -379,14 +387,15 @@ def _size(folder: Path) -> int:
     return sum(path.lstat().st_size for path in folder.rglob("*"))  # a link may lead nowhere
 
 
-def _discard(evaluation: Evaluation) -> list[str]:
-    """Discard trajectories that the night does not keep. Returns a note where that fails, as the
-    history has the night already.
+def _noted(failure: str, work: Callable[[], object]) -> list[str]:
+    """Do work after the history has the night. Returns a note if the work fails.
+
+    failure: beginning of the note.
     """
     try:
-        discard_trajectories(evaluation)
+        work()
     except (InputError, OSError, sqlite3.Error) as error:
-        return [f"The trajectories of this night could not be discarded: {said(error)}."]
+        return [f"This night is in the history. {failure}: {said(error)}."]
     return []
 
 

@@ -1,7 +1,7 @@
 """Repeatability of ADSs, for the verdict on a night: whether two drives of a case are equal, how
 far they differ, and how often a case ends badly.
 
-Users: `nightly/judgement.py`.
+Users: `nightly/judgement.py`, `nightly/night.py`.
 """
 
 import shutil
@@ -97,7 +97,6 @@ def _rerun(evaluation: Evaluation, cases: Collection[str], folder: Path) -> dict
     """Rows of cases from a copy of a run in which they were rerun."""
     if not cases:
         return {}
-    shutil.rmtree(folder, ignore_errors=True)
     try:
         shutil.copytree(evaluation.folder, folder)
         with open_store(folder, create=True) as store:

@@ -11,7 +11,7 @@ import sqlite3
 import subprocess
 import sys
 import time
-from contextlib import suppress
+from contextlib import closing, suppress
 from pathlib import Path
 
 import junitparser
@@ -26,7 +26,7 @@ from tables import in_campaign
 from cli.nights import evaluation, plant
 from sumo_eval import open_run
 from sumo_eval.errors import InputError, StoppedError
-from sumo_eval.nightly.history import open_history
+from sumo_eval.nightly.history import HISTORY, open_history
 from sumo_eval.nightly.night import _clear_away, _prune, run_night
 from sumo_eval.record.store import open_store
 from sumo_eval.scoring.gate_settings import GateSettings
@@ -233,7 +233,7 @@ def test_a_killed_night_continues_to_the_digest_of_a_whole_one(killed, tmp_path)
     assert len(read_json(left / "manifest.json")["resumed"]) == 1
 
     after = nightly(file, history, "--resume")
-    assert "No night was stopped before its end; this one is a new one." in after.stdout.replace(
+    assert "There is no stopped night to continue; this one is a new one." in after.stdout.replace(
         "\n", " "
     )
     assert after.stdout.startswith("THE SAME as")
@@ -310,8 +310,18 @@ def test_a_disk_full_of_recorded_cases_is_freed(file, history, monkeypatch):
             store._connection.execute("PRAGMA max_page_count = 1")
             store.note("filler", "x" * 1_000_000)
 
-    monkeypatch.setattr("sumo_eval.nightly.night.record_rounds", full)
-    with refusal("The night could not be finished: OperationalError: database or disk is full"):
+    with monkeypatch.context() as patched:
+        patched.setattr("sumo_eval.nightly.night.record_rounds", full)
+        with refusal("The night could not be finished: OperationalError: database or disk is full"):
+            run(file, history)
+    assert nights_of(history) == {it.night for it in before}
+
+    def copy(*_):
+        """A copy of the run, made to rerun its cases, fills the disk."""
+        raise shutil.Error([("facts.sqlite", "again", str(OSError(errno.ENOSPC, os.strerror(28))))])
+
+    monkeypatch.setattr("sumo_eval.nightly.night.judge_night", copy)
+    with refusal("Its recorded cases were removed"):
         run(file, history)
     assert nights_of(history) == {it.night for it in before}
 
@@ -434,6 +444,45 @@ def test_a_history_that_cannot_be_read_removes_no_night(file, history, spoil, wo
     assert words in done.stderr
     assert done.stderr.startswith("sumo-eval: ")
     assert sorted(path.relative_to(history) for path in (history / "nights").rglob("*")) == before
+
+
+def test_locked_history_is_not_called_damaged(file, history, monkeypatch):
+    """Another process, a backup for example, holds the file when the night begins, or when it ends.
+    The next start with `--resume` adds the night that could not be added."""
+    monkeypatch.setattr("sumo_eval.nightly.history.PATIENCE", 0.1)
+    before = len(nights(history))
+    with closing(sqlite3.connect(history / HISTORY, isolation_level=None)) as other:
+        other.execute("BEGIN EXCLUSIVE")
+        with refusal("database is locked. It is as it was: remove the cause and run the command"):
+            run(file, history)
+        other.execute("ROLLBACK")
+
+        def lock(*given):
+            other.execute("BEGIN IMMEDIATE")
+            return given[0].folder / "report.html"
+
+        with monkeypatch.context() as patched:
+            patched.setattr("sumo_eval.nightly.night._write_results", lock)
+            with refusal("database is locked. Earlier nights are as they were. The same command"):
+                run(file, history)
+    assert len(nights(history)) == before
+    run(file, history, resume=True)
+    assert len(nights(history)) == before + 1
+
+
+def test_results_that_cannot_be_written_are_noted(file, history):
+    """The history has the night by then, so it ends as any other; copies of cases that a killed
+    night left are removed."""
+    for name in ("chat.json", "trend.html"):
+        (history / name).unlink()
+        (history / name).mkdir()
+    shutil.copytree(history / nights(history)[0].folder, history / "again")
+    done = nightly(file, history, "--keep", "1")
+    words = done.stdout.replace("\n", " ")
+    assert "This night is in the history. Its results could not all be written: " in words
+    assert "This night is in the history. The trend page could not be written: " in words
+    assert "removed; their lines stay" in words, words
+    assert not (history / "again").exists()
 
 
 def test_a_history_without_a_line_keeps_the_folders_that_it_does_not_know(file, lost):
