@@ -34,14 +34,19 @@ def check_apart(
     # all cases are driven twice; each time the last case may begin just before `PATIENCE` is over
     limits = RunSettings(case_timeout=min(2.0 * (PATIENCE + run.case_timeout), 1e6))
     with Pool(1, limits) as pool:
-        (ended,) = pool.each(Work(_checked, (Path.cwd(), run)), [(locator, tuple(cases))])
+        (ended,) = pool.each(
+            Work(_checked, (Path.cwd(), run), _findings), [(locator, tuple(cases))]
+        )
     if ended.how == "done":
-        return [
-            Finding(*(clean(text, _LONGEST, lines=True) for text in row)) for row in ended.result
-        ], ended.log
+        return ended.result, ended.log
     happened = what_happened(ended, limits, "The check", "drove it")
     fix = "an ADS must not end, hang or write into the process that it is loaded in"
     return [Finding("FAIL", happened, fix)], ended.log
+
+
+def _findings(rows: Sequence[Sequence[str]], asked: object) -> list[Finding]:
+    """The findings that `_checked` has sent as texts."""
+    return [Finding(*(clean(text, _LONGEST, lines=True) for text in row)) for row in rows]
 
 
 def _checked(

@@ -6,13 +6,14 @@ Users: `record/engines.py`, `record/estimate.py`, `record/recording.py`, `record
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import cache
 from operator import attrgetter
 from typing import Any
 
 from sumo_eval.coded import plain, record_of
 from sumo_eval.cosim.doors.controller import SHIPPED
 from sumo_eval.cosim.doors.entry import split_entry
-from sumo_eval.record.cases import Case, Outcome, Setup, Status
+from sumo_eval.record.cases import Case, Outcome, Setup, Status, on_its_own
 from sumo_eval.record.kept import KeptRecording
 from sumo_eval.record.reads import File
 from sumo_eval.trajectory import Alone, Clip, Collision, EndReason
@@ -73,17 +74,27 @@ def as_plain(results: Results, reads: list[File] | None) -> list[Any]:
     return [reads, plain(rows)]
 
 
+@cache
+def _fields_of_row() -> Any:
+    """Adapter that checks the fields of an `Outcome`, as `as_plain` sends them."""
+    from pydantic import TypeAdapter  # here, because children need not load it
+
+    return TypeAdapter(tuple[Status, KeptRecording | None, str | None, str, str, str])
+
+
 def results_of(answer: Any, cases: Sequence[Case]) -> Results:
-    """Results of `cases` from a frame: the inverse of `as_plain`."""
+    """Results of `cases` from a frame: the inverse of `as_plain`. Fails if the answer is not of its
+    form.
+    """
     reads, rows = answer
-    if rows is None:
+    together = not on_its_own(cases)  # a case on its own always has an outcome
+    if rows is None and together:
         return None
     results: list[Outcome | Alone] = []
     for case, row in zip(cases, record_of(rows, _RECORDS), strict=True):
-        if isinstance(row, Alone):
+        if isinstance(row, Alone) and together:
             results.append(row)
         else:
-            status, recording, *rest = row  # rest: error, log, error_place, batched (`as_plain`)
-            kept = recording and KeptRecording(*recording)
-            results.append(replace(Outcome(case, status, kept, *rest), reads=reads))
+            outcome = Outcome(case, *_fields_of_row().validate_python(row))
+            results.append(replace(outcome, reads=reads))
     return results

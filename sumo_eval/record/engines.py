@@ -16,7 +16,13 @@ from sumo_eval.errors import InputError
 from sumo_eval.record import loops, reads
 from sumo_eval.record.batches import LATE, Batch, Batches, driven, largest_batch
 from sumo_eval.record.cases import ALONE, Case, Outcome, Setup, Status, on_its_own
-from sumo_eval.record.claims import NO_USER_CODE, affinity, affinity_of_ads, results_of
+from sumo_eval.record.claims import (
+    NO_USER_CODE,
+    Results,
+    affinity,
+    affinity_of_ads,
+    results_of,
+)
 from sumo_eval.record.identity import locator_identity
 from sumo_eval.record.pool import Ended, Pool, Work
 from sumo_eval.record.progress import Stopping, never
@@ -91,7 +97,7 @@ def run_in_children(
     # iterator, the caller has compiled the rules.
     loops.ready(loops.of_cases(cases if isinstance(cases, Sequence) else ()))
     batches = Batches(cases, workers, min(largest_batch(setup), setup.run.cases_per_child))
-    work = Work(answer, setup, lambda batch: affinity(batch[0], setup), driven)
+    work = Work(answer, setup, results_of, lambda batch: affinity(batch[0], setup), driven)
     with Pool(workers, setup.run, setup.run.cases_per_child) as pool:
         yield from pool.run(
             work,
@@ -147,7 +153,8 @@ def _run_here(cases: Iterable[Case], setup: Setup, stopping: Stopping) -> Outcom
     while not stopping() and (batch := batches.take()) is not None:
         served.add(affinity(batch[0], setup))
         refuse_to_share(served)
-        yield _settled(Ended(batch, "done", answer(batch, setup), ""), batches, setup)
+        results = results_of(answer(batch, setup), batch)
+        yield _settled(Ended(batch, "done", results, ""), batches, setup)
         batches.look_ahead()
 
 
@@ -165,7 +172,7 @@ def _settled(ended: Ended[Batch], batches: Batches, setup: Setup) -> list[Outcom
         why = Alone("pack_lost" if batch[0].block is None else "block_lost", happened)
         batches.record_failure(batch, [why] * len(batch), printed, too_slow=ended.how == "overdue")
         return []
-    results = results_of(ended.result, batch)
+    results: Results = ended.result
     if results is None:
         batches.never_together(batch)
         return []
@@ -192,8 +199,7 @@ def _settled_alone(ended: Ended[Batch], batches: Batches, setup: Setup) -> list[
     why, printed = batches.remark(case)  # printed: by its batch, if it was in one before
     remark = printed if why is None else f"{ALONE}{why}\n{printed}"
     if ended.how == "done":
-        (outcome,) = results_of(ended.result, ended.item) or (None,)
-        assert isinstance(outcome, Outcome), "a case that runs alone always has an outcome"
+        (outcome,) = ended.result  # `results_of` refuses any other answer
     else:
         status: Status = "timeout" if ended.how == "overdue" else "crashed"
         outcome = Outcome(case, status, None, what_happened(ended, setup.run))

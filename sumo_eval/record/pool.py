@@ -29,7 +29,7 @@ from multiprocessing.connection import Connection
 from multiprocessing.connection import wait as ready
 from pathlib import Path
 from time import monotonic, sleep
-from typing import Any, Generic, Literal, TypeVar
+from typing import Any, Generic, Literal, NamedTuple, TypeVar
 
 from sumo_eval.errors import InputError
 from sumo_eval.frozen import frozen
@@ -97,14 +97,40 @@ class Work(Generic[Item]):
     """Work to do with items.
 
     task: called with an item and `shared`, in a child.
+    result: called with what the task returned and the item, in the owner: makes the item's result.
+        If it fails, the child has sent no valid frame.
     affinity: of an item; a child serves items of one affinity only.
     size: number that an item counts for in `items_per_child`: of a batch, its cases.
     """
 
     task: Task
     shared: Any
+    result: Callable[[Any, Item], Any] = lambda values, item: values
     affinity: Callable[[Item], str] = str
     size: Callable[[Item], int] = lambda item: 1
+
+
+class _Answer(NamedTuple):
+    """Content of a child's frame.
+
+    is_last: whether the child ends now.
+    twice: whether a forked copy of the child did the item as well.
+    refusal: text of an InputError; empty: the item was not refused.
+    result: as `Work.result` makes it.
+    """
+
+    is_last: bool
+    twice: bool
+    refusal: str
+    result: Any
+
+
+def _read_answer(work: Work[Item], item: Item, values: Any) -> _Answer:
+    """The answer to an item, of the values of its frame."""
+    sent = _Answer(*values)
+    refusal = clean(sent.refusal, _LONGEST_REFUSAL, lines=True)
+    result = None if refusal else work.result(sent.result, item)
+    return sent._replace(refusal=refusal, result=result)
 
 
 class BoundedLog:
@@ -286,10 +312,10 @@ class _Child:
         self._folder = Path(tempfile.mkdtemp(dir=scratch))
         self._log = BoundedLog()
         self._to_send = memoryview(b"")
-        self._reader = FrameReader(0)  # of no item: the child must not answer yet
-        # Content of the child's frame: [whether the child ends now, whether a forked copy of the
-        # child did the item as well, text of a refusal, result].
-        self._answer: Any = None
+        # bytes: while a child makes a frame, it holds the frame's values twice
+        self._longest = 0.5 * MEGABYTE * memory_limit
+        self._reader = FrameReader(0, self._longest)  # of no item: the child must not answer yet
+        self._answer: _Answer | None = None
         self._fault = ""  # what is wrong with that frame; continues "the process that ran ..."
         self._last_report: Report | None = None
         self._reported = False
@@ -311,7 +337,9 @@ class _Child:
         deadline: wall time of the item, s.
         """
         order = pickle.dumps(((work.task, item, work.shared), (deadline, number)))
-        self._item, self._reader, self._answer = item, FrameReader(number), None
+        read = partial(_read_answer, work, item)
+        self._item, self._reader = item, FrameReader(number, self._longest, read)
+        self._answer = None
         self._fault, self._to_send = "", memoryview(_LENGTH.pack(len(order)) + order)
         self.items += work.size(item)
         self._begun, self._used = monotonic(), processor_time(self._process.pid)
@@ -349,19 +377,19 @@ class _Child:
         # share of the wall time since its item was given in which no processor worked on it
         wall = max(monotonic() - self._begun, 1e-9)
         idle = min(max(1.0 - (processor_time(self._process.pid) - self._used) / wall, 0.0), 1.0)
-        self.is_last = how != "done" or self._answer[0] or self._reported
+        answer = self._answer if how == "done" else None
+        self.is_last = answer is None or answer.is_last or self._reported
         self._read_output()
         log = self._log.text()
         self._log = BoundedLog()
-        return Ended(self._item, how, self._answer[3] if how == "done" else None, log, why, idle)
+        return Ended(self._item, how, answer and answer.result, log, why, idle)
 
     def _how_it_ended(self) -> tuple[How, str] | None:
         """`how` and `why` of the item's `Ended`; None while it runs."""
         if self._answer is not None and not self._fault:
-            twice, refusal = self._answer[1:3]
-            if refusal:
-                return "refused", clean(refusal, _LONGEST_REFUSAL, lines=True)
-            if not twice:
+            if self._answer.refusal:
+                return "refused", self._answer.refusal
+            if not self._answer.twice:
                 return "done", ""
             self._fault = "forked in a step, and both processes continued the case"
         begun = bool(self._reader.received)

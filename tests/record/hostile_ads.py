@@ -7,13 +7,16 @@ import _thread
 import contextlib
 import ctypes
 import faulthandler
+import marshal
 import mmap
 import os
 import random
 import resource
 import signal
+import struct
 import sys
 import time
+import zlib
 
 import numpy
 
@@ -27,13 +30,14 @@ _ANY = """
     traces begins_a_thread changes_folder ends_its_group leaves_a_daemon leaves_a_flood leaves_by_faulthandler
     raises_from_a_signal
 """
+_CRASHES = """
+    dies_with_a_daemon fills_shared_memory lets_another_fill_memory sends_no_values sends_a_number
+    sends_odd_rows sends_much
+"""
 ACCIDENTS = {
     **dict.fromkeys(_ANY.split(), ANY | {"timeout"}),
     **dict.fromkeys(("forks_in_a_step", "forks_often"), LOST),
-    **{
-        name: {"crashed"}
-        for name in ("dies_with_a_daemon", "fills_shared_memory", "lets_another_fill_memory")
-    },
+    **{name: {"crashed"} for name in _CRASHES.split()},
     **dict.fromkeys(
         ("forks_and_leaves", "frees_what_is_not_its_own"), LOST | {"timeout", "ads_timeout"}
     ),
@@ -151,6 +155,35 @@ def ends_its_group(traci, ego, now):
 def stops_itself(traci, ego, now):
     os.kill(os.getpid(), signal.SIGSTOP)
     return Command(0.0)
+
+
+def _send(body, length=None):
+    """Send a frame in the name of the child, with a right header, and wait for the end."""
+    frame = sys._getframe()
+    while not {"results", "number"} <= set(frame.f_locals):
+        frame = frame.f_back
+    pipe, number = frame.f_locals["results"], frame.f_locals["number"]
+    header = struct.pack("<4sQQI", b"sevl", number, length or len(body), zlib.crc32(body))
+    os.write(pipe, header + body)
+    time.sleep(60.0)
+
+
+def sends_no_values(traci, ego, now):
+    _send(b"?")
+
+
+def sends_a_number(traci, ego, now):
+    _send(marshal.dumps(7))
+
+
+def sends_odd_rows(traci, ego, now):
+    recording = [{"map": [["ego", "text"]]}, None, "contact", [], [0.0] * 5, 1.0, "soon"]
+    row = ["ok", recording, None, "", "", ""]
+    _send(marshal.dumps([False, False, "", [None, [row]]]))
+
+
+def sends_much(traci, ego, now):
+    _send(b"", 1 << 30)
 
 
 def _daemon(*command):

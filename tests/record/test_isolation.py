@@ -17,9 +17,9 @@ from commands import python
 from record import hostile_ads
 from record.runs import CONCRETE, SPACE, cases_of, command, each_once, limited, write_evaluation
 from refusals import refusal
-from tables import in_campaign
+from tables import in_campaign, values_of
 
-from sumo_eval.record import hygiene
+from sumo_eval.record import frames, hygiene
 from sumo_eval.record.cases import Case
 from sumo_eval.record.engines import identify, run_cases
 from sumo_eval.record.frames import FrameError, FrameReader, frame
@@ -41,6 +41,10 @@ OF_EACH_KIND = [
     "lets_another_fill_memory",
     "leaves_by_faulthandler",
     "forks_and_leaves",
+    "sends_no_values",
+    "sends_a_number",
+    "sends_odd_rows",
+    "sends_much",
 ]
 """What the suite drives: one accident of each kind. The campaign drives all of them, many times."""
 
@@ -206,8 +210,8 @@ def test_of_ads_that_do_not_load_the_first_is_named(tmp_path):
 
 def test_a_frame_is_read_byte_by_byte_as_it_was_written():
     message = [1, "two", None, 0.1, b"three", {"four": []}]
-    reader = FrameReader(4)
     data = frame(message, 4)
+    reader = FrameReader(4, len(data) - 24)  # 24: bytes of the header
     found = [reader.feed(data[i : i + 1]) for i in range(len(data))]
     assert found[:-1] == [None] * (len(data) - 1)
     assert found[-1] == message
@@ -220,23 +224,50 @@ def test_a_frame_is_read_byte_by_byte_as_it_was_written():
         (lambda data: data + b"x", "more than one"),
         (lambda data: data[:-1] + b"x", "checksum"),
         (lambda data: frame(None, 5), "another case"),
+        (lambda data: frame([b"x" * 1000], 4)[:24], "announced a result of 1010 bytes, over 1000"),
     ],
 )
 def test_anything_else_is_not_a_frame(change, says):
     with pytest.raises(FrameError, match=says):
-        FrameReader(4).feed(change(frame([1], 4)))
+        FrameReader(4, 1000).feed(change(frame([1], 4)))
+
+
+@pytest.mark.parametrize("body", [b"", b"?", b"[\x05\0\0\0N", b"0"])
+def test_a_whole_frame_without_values_is_not_a_frame(body, monkeypatch):
+    monkeypatch.setattr(frames.marshal, "dumps", lambda values: body)
+    with pytest.raises(FrameError, match="gave a result that cannot be read: "):
+        FrameReader(4, 1000).feed(frame([1], 4))
+
+
+def test_values_that_their_reader_refuses_are_not_a_frame():
+    with pytest.raises(FrameError, match="cannot be read: TypeError: "):
+        FrameReader(4, 1000, lambda values: values[0]).feed(frame(7, 4))
 
 
 def test_no_bit_of_a_frame_can_flip_unseen():
     data = frame(["ok", b"abc"], 4)
     for i in range(len(data)):
         changed = data[:i] + bytes([data[i] ^ 0x10]) + data[i + 1 :]
-        reader = FrameReader(4)
+        reader = FrameReader(4, 1000)
         try:
             found = reader.feed(changed)
         except FrameError:
             continue
         assert found is None, "a longer length waits for what does not come"
+
+
+@pytest.mark.parametrize(
+    "accident, says",
+    values_of("""
+    "sends_no_values", "gave a result that cannot be read: ValueError"
+    "sends_a_number", "gave a result that cannot be read: TypeError"
+    "sends_odd_rows", "gave a result that cannot be read: ValidationError"
+    "sends_much", "announced a result of 1073741824 bytes, over 314572800"
+    """),
+)
+def test_a_forged_frame_is_named(outcomes, accident, says):
+    (outcome,) = [outcome for outcome in outcomes if outcome.case.driver == accident]
+    assert f"The process that ran the case {says}" in outcome.error
 
 
 # --- process hygiene ------------------------------------------------------------------------------
