@@ -16,6 +16,7 @@ from sumo_eval.report.words import count, percent
 from sumo_eval.results import Evaluation
 from sumo_eval.scoring.driver_bands import below_drivers, driver_bands
 from sumo_eval.scoring.findings import people_behind
+from sumo_eval.settings import DriverSettings
 from sumo_eval.text import capitalised
 
 MOST_WORST = 10  # cases in the table of the worst, at most
@@ -64,8 +65,7 @@ def study_sentences(evaluation: Evaluation) -> list[str]:
         words = (
             f"{count(study['people'], 'person', 'people')} took part in the study "
             f"{study['study']}; {count(study['drives'], 'drive')} by {study['with_drives']} of "
-            f"them count, {len(left_out)} {'is' if len(left_out) == 1 else 'are'} left out by the "
-            "study's rules of quality."
+            f"them count, {len(left_out)} {'is' if len(left_out) == 1 else 'are'} left out."
         )
         if drawn := study.get("drawn"):
             words += f" The road was drawn for them in these ways: {drawn_words(drawn)}."
@@ -103,7 +103,9 @@ def nobody_recorded(evaluation: Evaluation) -> bool:
 
 
 def nobody_drove(evaluation: Evaluation) -> bool:
-    """Whether no scenario has drivers to compare an ADS with."""
+    """Whether no scenario has drivers to compare an ADS with: synthetic drivers cannot drive it,
+    and it has no others.
+    """
     return bool(evaluation.scores) and all(score.nobody_compared for score in evaluation.scores)
 
 
@@ -111,39 +113,43 @@ def people_sentence(evaluation: Evaluation) -> str:
     """The drivers that D and H compare with, how many of them are recorded people, and how many
     drives of these each limit leaves out.
     """
-    recorded = evaluation.settings.drivers.source == "recorded"
+    drivers = evaluation.settings.drivers
+    recorded = drivers.source == "recorded"
+    without = dict.fromkeys(score.scenario for score in evaluation.scores if score.nobody_compared)
     if nobody_drove(evaluation):
+        others = {
+            "synthetic": "this evaluation names no recorded ones",
+            "recorded": "no recorded driver matches them",
+        }.get(drivers.source, f"`{drivers.source}` returns no drive in them")
         words = (
             "D and H have no drivers to compare with: synthetic drivers do not cover these scenes, "
-            "and no recorded driver matches them."
+            f"and {others}."
         )
     else:
-        words = _recorded_drivers(evaluation) if recorded else _other_drivers(evaluation)
-    # columns of `left_out`; with a row of zeros they exist without any entry, too
-    short, share, astray = zip((0, 0.0, 0), *evaluation.left_out, strict=True)
-    if recorded and any(short):
+        words = _recorded_drivers(evaluation) if recorded else _other_drivers(drivers)
+        words += f" There are none in {', '.join(without)}." if without else ""
+    # the settings are asked: a run that was resumed with other drivers may have earlier counts
+    if recorded and (short := sum(drives for drives, _, _ in evaluation.left_out)):
+        most = max(share for _, share, _ in evaluation.left_out)
         words += (
-            f" {count(sum(short), 'recorded drive')} left out: at most {percent(max(share))} "
-            f"of the road covered, at least {percent(evaluation.settings.drivers.coverage)} asked "
+            f" {count(short, 'recorded drive')} left out: at most {percent(most)} "
+            f"of the road covered, at least {percent(drivers.coverage)} asked "
             "(`drivers.coverage`)."
         )
-    if recorded and any(astray):
-        words += f" {count(sum(astray), 'recorded drive')} left out: they leave the road."
+    if recorded and (astray := sum(drives for _, _, drives in evaluation.left_out)):
+        words += f" {count(astray, 'recorded drive')} left out: they leave the road."
     return words
 
 
-def _other_drivers(evaluation: Evaluation) -> str:
+def _other_drivers(drivers: DriverSettings) -> str:
     """Drivers that are not recorded people."""
-    drivers = evaluation.settings.drivers
-    without = dict.fromkeys(score.scenario for score in evaluation.scores if score.nobody_compared)
-    origin = (
+    return (
         f"The {drivers.count} human drivers of each concrete scenario are synthetic: "
         "drawn from distributions fitted to recorded traffic. They are not recorded people."
         if drivers.source == "synthetic"
         else f"The human drivers come from `{drivers.source}`, which this evaluation names as "
         "its reference."
     )
-    return origin + (f" There are none in {', '.join(without)}." if without else "")
 
 
 def _recorded_drivers(evaluation: Evaluation) -> str:
@@ -153,13 +159,18 @@ def _recorded_drivers(evaluation: Evaluation) -> str:
     fills = drivers.too_thin == "fill"
     if not any(people.drives for people in behind):
         instead = "D and H compare with synthetic drivers alone" if fills else "there is no D_i"
-        who = "no drive counts" if fills else f"fewer than {drivers.least} drives count"
+        who = (
+            "no drive counts in any"
+            if fills
+            else f"fewer than {drivers.least} drives count in each"
+        )
         points = count(sum(people.points for people in behind), "safe concrete scenario")
         return (
-            f"D and H use no recorded driver: of {source}, {who} in any of these {points}; "
+            f"D and H use no recorded driver: of {source}, {who} of these {points}; "
             f"{instead}. `recorded_drivers` in cases.csv counts them."
         )
-    rest = "synthetic drivers fill up" if fills else "the point is left out"
+    fill = "synthetic drivers fill up, in scenes that they know"
+    rest = fill if fills else "the point is left out"
     each = "; ".join(
         f"{people.scenario}: {people.with_people} of "
         f"{count(people.points, 'safe concrete scenario')}, "

@@ -280,8 +280,8 @@ def reason_without(name: str, score: ScenarioResult) -> str:
     return {
         "collisions": f"{count(note.collisions, 'collision')} in the safe zone",
         "no_safe_case": "no case lies in the safe zone",
-        "no_drivers": "no drivers for it: the synthetic ones do not know this scene, and none are "
-        "recorded in it",
+        "no_drivers": "no drivers for it: the synthetic ones do not know this scene, and [drivers] "
+        "gives no others",
         "nothing_compared": "no safe case could be evaluated and compared with drivers",
         "no_exposure": f"every safe case with a {what} has exposure 0",
     }[note.why]

@@ -73,11 +73,9 @@ class CaseDrives(NamedTuple):
         return cls(case, vehicles.pop(EGO), vehicles, road, humans, references)
 
 
-def index_again(
-    evaluation: Evaluation, fact: Fact, road: Road, store: Store
-) -> AnthropomorphicIndex:
-    """D_i of one case, computed again from the trajectories of the case and of the drivers at its
-    point.
+def index_of(evaluation: Evaluation, fact: Fact, road: Road, store: Store) -> AnthropomorphicIndex:
+    """D_i of one case with all its terms, compared with the drivers at its point: kept in the run's
+    cache by scoring, or else computed.
     """
     drives = store.driven_at(fact.scenario, fact.point, "human")
     job = PointJob(tuple(fact.case for fact in drives), road, (fact.case,))

@@ -1,7 +1,7 @@
 """Settings of the drivers that D compares with, synthetic and recorded.
 
-Users: `cli/tools.py`, `drivers/`, `record/`, `scoring/`, `settings/evaluation.py`,
-`extras/rates/people_command.py`.
+Users: `cli/tools.py`, `drivers/`, `record/`, `report/people.py`, `scoring/`,
+`settings/evaluation.py`, `extras/rates/people_command.py`.
 """
 
 from typing import Annotated, Literal

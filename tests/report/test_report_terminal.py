@@ -2,11 +2,14 @@
 
 from dataclasses import replace
 
+import pytest
 from builders import CALM, CUT_OUT
 from click import unstyle
 from report_cases import with_scores, with_settings
 
+from sumo_eval.report.people import people_sentence
 from sumo_eval.report.score_table import score_lines
+from sumo_eval.report.score_words import reason_without
 from sumo_eval.report.terminal import closing_lines, ledger_lines
 from sumo_eval.report.words import count
 from sumo_eval.results import NotComputed
@@ -64,6 +67,38 @@ def test_nothing_is_said_of_synthetic_drivers_when_they_are_not(evaluation):
     assert first.scenario != last.scenario
     told = "\n".join(closing_lines(replace(evaluation, scores=tuple(some))))
     assert f"They are not recorded people. There are none in {last.scenario}." in told
+    filled = with_settings(
+        replace(evaluation, scores=tuple(some)),
+        drivers=DriverSettings(source="recorded", recordings=("drives.csv",)),
+    )
+    told = people_sentence(filled)
+    assert "of drives.csv, no drive counts in any of these" in told
+    without = f"There are none in {last.scenario}."
+    assert f"alone. `recorded_drivers` in cases.csv counts them. {without}" in told
+
+
+@pytest.mark.parametrize(
+    "source, others",
+    [
+        ("synthetic", "this evaluation names no recorded ones"),
+        ("recorded", "no recorded driver matches them"),
+        ("mine:drivers", "`mine:drivers` returns no drive in them"),
+    ],
+)
+def test_scenes_without_drivers_say_which_drivers_were_sought(evaluation, source, others):
+    nobody = NotComputed("no_drivers")
+    bare = with_scores(evaluation, human_likeness=None, h_reason=nobody)
+    asked = with_settings(bare, drivers=DriverSettings(source=source, recordings=("drives.csv",)))
+    assert people_sentence(asked).endswith(
+        f"synthetic drivers do not cover these scenes, and {others}."
+    )
+    assert "recorded" not in reason_without("H", asked.scores[0])
+
+
+def test_a_reference_that_is_too_thin_everywhere_is_too_thin_at_each_point(evaluation):
+    drivers = DriverSettings(source="recorded", recordings=("drives.csv",), too_thin="leave_out")
+    told = people_sentence(with_settings(evaluation, drivers=drivers))
+    assert "of drives.csv, fewer than 10 drives count in each of these" in told
 
 
 def test_the_ledger_on_the_terminal_adds_up_to_s_plus_and_s(evaluation):

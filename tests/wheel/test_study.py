@@ -220,7 +220,7 @@ def test_participants_drive_and_rate_and_a_run_takes_them_as_its_people(plan, tm
     assert {(row.ads, row.raters) for row in opinion.rows} == {("follower", 3), ("asleep", 3)}
     sentences = study_sentences(evaluation)
     assert (
-        "3 people took part in the study afternoon; 5 drives by 3 of them count, 2 are left out"
+        "3 people took part in the study afternoon; 5 drives by 3 of them count, 2 are left out."
         in sentences[0]
     )
     assert sentences[1:] == [f"{it.participant}, {it.case}: {it.why}." for it in found.left]
