@@ -137,6 +137,8 @@ def test_an_mcap_file_is_read(tmp_path):
     "name, content, words",
     [
         ("a.osi", b"\x05\x00\x00\x00abc", "it ends within one"),
+        ("a.osi", b"\x05\x00", "it ends within one"),
+        ("a.osi", b"no trace at all", "below 268,435,456 bytes, got the length 1,948,282,734"),
         ("a.osi", trace([b"\xff\xff\xff"]), "Message 0 of .* is not a GroundTruth of OSI 3"),
         ("a.osi", b"", "must hold GroundTruth with moving objects, got none"),
         ("a.osi.gz", b"plain", "cannot be read"),

@@ -116,7 +116,9 @@ def test_a_stopped_search_goes_on_where_it_was(tmp_path):
             raise KeyboardInterrupt
 
     whole = found(tmp_path / "whole", lambda done, total: None)
-    with pytest.raises(StoppedError, match=r"^Stopped\. \d+ drives are kept in .* --resume"):
+    with pytest.raises(
+        StoppedError, match=r"^Stopped\. \d+ drives are kept in .* --out .*stopped --resume"
+    ):
         found(tmp_path / "stopped", stop)
     with refusal("a study that was stopped; --resume continues it"):
         found(tmp_path / "stopped", stop)
@@ -124,7 +126,7 @@ def test_a_stopped_search_goes_on_where_it_was(tmp_path):
     assert kept[-1] > 32
     assert np.array_equal(again.search.points, whole.search.points)
     assert np.array_equal(again.search.outcomes, whole.search.outcomes)
-    with refusal("nothing to resume"):
+    with refusal("the folder of a stopped study in --out, got .*: there is nothing to resume"):
         found(tmp_path / "stopped", stop, resume=True)
 
 

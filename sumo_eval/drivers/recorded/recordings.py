@@ -32,8 +32,8 @@ from sumo_eval.drivers.recorded.importers.tables import (
     IDENTIFIERS,
     add_motion,
     check_motion,
-    checked_numbers,
     in_order,
+    make_numbers,
     numbered,
     read_table,
     unread,
@@ -185,7 +185,7 @@ def read_csv(path: Path) -> Recordings:
     table = read_table(
         path, ("recording", "vehicle", "t", "x", "y", "length", "width"), dtype=IDENTIFIERS
     )
-    checked_numbers(table, [*table.filter([*NUMBERS, "steering"])], path, gaps=["steering"])
+    make_numbers(table, [*table.filter([*NUMBERS, "steering"])], path, gaps=["steering"])
     notes = unread("Column", table, COLUMNS, path)
     table, doubled = in_order(table)
     notes += doubled

@@ -18,7 +18,7 @@ from pandas import DataFrame, Index, isna
 from sumo_eval.drivers.recorded.events import Events, extract_events
 from sumo_eval.drivers.recorded.importers.tables import (
     check_motion,
-    checked_numbers,
+    make_numbers,
     read_table,
     unread,
 )
@@ -252,7 +252,7 @@ def _named_drives(concrete: ConcreteScenario, people: People) -> Reference | Non
     path = people.folder / NAMED_CASES
     parameters = list(concrete.values)
     check_known(f"parameter column of {path}", [*map(str, rows)], *parameters)
-    checked_numbers(rows, parameters, path)
+    make_numbers(rows, parameters, path)
     matching = rows[((rows[parameters] - [*concrete.values.values()]).abs() < 1e-6).all(axis=1)]
     if matching.empty:
         return None
@@ -269,7 +269,7 @@ def _named_drives(concrete: ConcreteScenario, people: People) -> Reference | Non
 def _table_of(path: Path, changed: int) -> DataFrame:
     """A file of drives, read once for the notes and the drives; changed: as in `_recorded`."""
     table = read_table(path, _PLACES)
-    checked_numbers(table, [*_PLACES, *table.filter(_KNOWN)], path, gaps=["steering"])
+    make_numbers(table, [*_PLACES, *table.filter(_KNOWN)], path, gaps=["steering"])
     return table
 
 

@@ -82,6 +82,8 @@ def campaign(
     Points of every scenario are drawn where encounters occur and collisions are likely, and
     weighted by their exposure. A scenario file has its encounters per vehicle-km ([met], as `learn`
     writes it).
+
+    A stopped campaign keeps its drives. `--resume` continues it, with the folder in --out.
     """
     from sumo_eval.extras.rates.campaign import read_campaign, run_campaign
     from sumo_eval.extras.rates.campaign_page import lost_words, sentences, write_campaign
@@ -95,11 +97,12 @@ def campaign(
         run=replace(settings.run, workers=workers or settings.run.workers),
     )
     out = out or out_folder.default(settings.name)
+    # makes the folder, or refuses it before anything is driven
     with trials_in(
         out,
         Setup(settings.simulation, settings.run, file.parent),
         [ads.locator for ads in settings.ads],
-        f"{settings.name} seed={settings.seed}",
+        study=f"{settings.name} seed={settings.seed}",
         resume=resume,
     ) as trials:
         with Progress() as progress:

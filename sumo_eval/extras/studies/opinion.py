@@ -13,7 +13,7 @@ import numpy as np
 from pandas import DataFrame
 
 from sumo_eval.cli.sentences import aligned
-from sumo_eval.drivers.recorded.importers.tables import checked_numbers, line_of_row, read_table
+from sumo_eval.drivers.recorded.importers.tables import line_of_row, make_numbers, read_table
 from sumo_eval.errors import InputError
 from sumo_eval.extras.panels import COLOURS, Marks, Panel, on_page
 from sumo_eval.method.agreement import Agreement, concordance, rank_correlation, rank_interval
@@ -66,7 +66,7 @@ def read_ratings(path: Path) -> DataFrame:
     """
     names = ["rater", "ads", "scenario"]
     table = read_table(path, (*names, "score"), dtype=dict.fromkeys(names, str))
-    checked_numbers(table, ["score"], path)
+    make_numbers(table, ["score"], path)
     outside = np.flatnonzero(~table["score"].between(LEAST, MOST))
     if outside.size:
         line, got = line_of_row(path, outside[0]), table["score"].iloc[outside[0]]

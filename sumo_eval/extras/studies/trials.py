@@ -116,7 +116,10 @@ def trials_in(
             f"{folder} holds the results of a study, {results[0]}: name another folder with --out."
         )
     if resume and not path.exists():
-        raise InputError(f"{folder} holds no study that was stopped: there is nothing to resume.")
+        raise InputError(
+            f"--resume must have the folder of a stopped study in --out, got {folder}: there is "
+            "nothing to resume."
+        )
     identities = identify([("ADS", locator) for locator in locators], setup)
     with stop_on_signal() as stopping, held_folder(folder):
         with closing(_Outcomes(path, create=True)) as store:
@@ -133,7 +136,7 @@ def trials_in(
                 drives = sum(number for *_, number, _ in store.counts())
                 raise StoppedError(
                     f"Stopped. {drives} drives are kept in {folder}; the same command with "
-                    "--resume continues."
+                    f"--out {folder} --resume continues."
                 ) from None
         path.unlink()
 

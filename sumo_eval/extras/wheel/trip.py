@@ -64,13 +64,18 @@ def concrete_of(logical: LogicalScenario, values: Numbers) -> ConcreteScenario:
         points = sample(logical).points
         points[:, columns] = row[columns]
         away = np.linalg.norm(logical.to_unit(points) - logical.to_unit(row), axis=-1)
-        # one by one, because an OpenSCENARIO file checks many points at once by constraints alone
+        # One by one: of many points at once, a scenario from an OpenSCENARIO file checks only the
+        # constraints, not whether it supports the scene. Without a possible point, `concrete`
+        # refuses the first one.
         row = next(filter(logical.feasible, points[away.argsort(kind="stable")]), row)
     return logical.concrete(**logical.point(row.tolist()))
 
 
 def new_tape(folder: Path, name: str) -> Path:
-    """File of the next drive of a name: one that does not exist yet."""
+    """File of the next drive of a name: NAME-NUMBER.jsonl, one that does not exist yet.
+
+    In a study, `outcome` takes the case from this name.
+    """
     paths = (folder / f"{name}-{number:03d}.jsonl" for number in itertools.count(1))
     return next(path for path in paths if not path.exists())
 
@@ -92,12 +97,13 @@ async def one_drive(
     settings = concrete.simulation(settings)
     writer = Writer(path, head_of(concrete, settings, **more))
     try:
-        recording, tellings = await window.drive(concrete, settings, writer, view)
-        tape = read_tape(path)
-        figures = timing(tape, tellings)
+        recording, page_figures = await window.drive(concrete, settings, writer, view)
+        tape = read_tape(path)  # `writer` is still open, but each of its lines is in the file
+        figures = timing(tape, page_figures)
         quality = quality_of(recording, tape, concrete, settings, figures)
         end = {
             "reason": recording.end_reason,
+            # a drive that the driver left (`quit`) without a fault ended by their own wish
             "error": recording.error or (OWN_WISH if recording.end_reason == "quit" else None),
             "digest": digest(recording), "time": figures, "quality": asdict(quality)
         }  # fmt: skip

@@ -15,8 +15,8 @@ import pandas as pd
 
 from sumo_eval.drivers.recorded.importers.tables import (
     Samples,
-    checked_numbers,
     line_of_row,
+    make_numbers,
     read_table,
 )
 from sumo_eval.errors import InputError
@@ -34,7 +34,7 @@ def read(path: Path) -> Samples:
     """The recordings of a file."""
     columns = ("timestamp", *_NUMBERS)
     rows = read_table(path, columns, usecols=lambda name: name in columns)
-    checked_numbers(rows, _NUMBERS, path)
+    make_numbers(rows, _NUMBERS, path)
     # most probable class of each sample; of a vehicle the most frequent of these
     likely = np.argmax(rows[[f"classifications_{name}" for name in _CLASSES]].to_numpy(), axis=1)
     kind = {

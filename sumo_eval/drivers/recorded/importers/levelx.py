@@ -15,7 +15,7 @@ import pandas as pd
 
 from sumo_eval.drivers.recorded.importers.tables import (
     Samples,
-    checked_numbers,
+    make_numbers,
     read_table,
     require,
 )
@@ -37,15 +37,15 @@ def read_tables(path: Path, *columns: Sequence[str]) -> list[pd.DataFrame]:
     paths = [path.with_name(f"{stem}_{name}.csv") for name in names]
     tables = [read_table(file, needed) for file, needed in zip(paths, columns, strict=True)]
     # all needed columns, and lonAcceleration if it is there
-    checked_numbers(tables[0], sorted({"lonAcceleration", *columns[0]} & {*tables[0]}), path)
+    make_numbers(tables[0], sorted({"lonAcceleration", *columns[0]} & {*tables[0]}), path)
     key = columns[1][0]
-    checked_numbers(tables[1], (key,), paths[1])
+    make_numbers(tables[1], (key,), paths[1])
     require(not tables[1][key].duplicated().any(), paths[1], f"must name each {key} once")
     unknown = tables[0].loc[~tables[0][key].isin(tables[1][key]), key]
     require(
         unknown.empty, path, f"must hold vehicles of {paths[1].name} only, got {unknown.min():.0f}"
     )
-    checked_numbers(tables[2], ("frameRate",), paths[2])
+    make_numbers(tables[2], ("frameRate",), paths[2])
     require(tables[2]["frameRate"].iloc[0] > 0.0, paths[2], "must have a `frameRate` above 0")
     return tables
 

@@ -16,8 +16,8 @@ from sumo_eval.drivers.recorded.importers.tables import (
     IDENTIFIERS,
     Samples,
     add_motion,
-    checked_numbers,
     in_order,
+    make_numbers,
     read_table,
     unread,
 )
@@ -30,7 +30,7 @@ COLUMNS = ("recording", "vehicle", "t", "x", "y", *_KNOWN, "class", "driver")
 def read(path: Path) -> Samples:
     """The recordings of a file."""
     rows = read_table(path, ("vehicle", "t", "x", "y"), dtype=IDENTIFIERS)
-    checked_numbers(rows, ["t", "x", "y", *(name for name in _KNOWN if name in rows)], path)
+    make_numbers(rows, ["t", "x", "y", *(name for name in _KNOWN if name in rows)], path)
     notes = unread("Column", rows, COLUMNS, path)
     if "recording" not in rows:
         rows["recording"] = path.name.rpartition(".csv")[0] or path.stem

@@ -21,7 +21,7 @@ import pandas as pd
 
 from sumo_eval.drivers.recorded.importers.tables import (
     Samples,
-    checked_numbers,
+    make_numbers,
     read_table,
     require_columns,
 )
@@ -120,7 +120,7 @@ def _rows(path: Path) -> pd.DataFrame:
         require_columns(rows, _NEEDED, path)
     else:
         rows = read_table(path, (), sep=r"\s+", header=None, names=_ORIGINAL)
-    checked_numbers(rows, _NEEDED, path, heading=int(has_head_row))
+    make_numbers(rows, _NEEDED, path, heading=int(has_head_row))
     rows["place"] = path.stem
     rows["right_lane"] = RIGHT_LANES[US_101]
     if "Location" in rows:

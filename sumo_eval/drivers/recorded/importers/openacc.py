@@ -19,7 +19,7 @@ import pandas as pd
 
 from sumo_eval.drivers.recorded.importers.tables import (
     Samples,
-    checked_numbers,
+    make_numbers,
     read_table,
     reading,
     require,
@@ -39,7 +39,7 @@ def read(path: Path) -> Samples:
     speeds = (name for name in numbers if name.startswith("Speed"))
     places = sorted(int(name.removeprefix("Speed")) for name in speeds)
     require(places, path, "must have columns Speed1, Speed2, ..., got none")
-    checked_numbers(rows, ["Time", *numbers], path, heading=_HEAD_ROWS + 1, gaps=numbers)
+    make_numbers(rows, ["Time", *numbers], path, heading=_HEAD_ROWS + 1, gaps=numbers)
     parts = []
     # A chain is a row of vehicles with known gaps. front: half a length ahead of the next vehicle's
     # front bumper, m, so that its centre is at front - LENGTH.

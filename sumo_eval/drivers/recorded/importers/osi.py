@@ -26,7 +26,7 @@ from pandas import DataFrame, Series, to_numeric
 
 from sumo_eval.drivers.recorded.importers.tables import (
     Samples,
-    checked_numbers,
+    make_numbers,
     reading,
     require_columns,
 )
@@ -36,11 +36,10 @@ from sumo_eval.input_file import input_file
 ENDINGS = (".osi", ".osi.gz", ".osi.xz", ".mcap", ".parquet")
 VEHICLE, PEDESTRIAN = 2, 3  # MovingObject.Type
 CLASSES = {
-    2: "car", 3: "car", 4: "car", 5: "car", 6: "van", 7: "truck", 8: "trailer", 9: "trailer",
-    10: "motorcycle",
+    2: "car", 3: "car", 4: "car", 5: "car", 6: "van", 7: "truck", 10: "motorcycle",
     11: "bicycle", 12: "bus", 16: "truck",
 }  # fmt: skip
-"""Classes by VehicleClassification.Type; of all others `other`."""
+"""Classes by VehicleClassification.Type; of all others `other`. `_TOWED` are left out."""
 _SENSOR_VIEW = "SensorView"
 _TOWED = (8, 9)  # VehicleClassification.Type of what another vehicle pulls
 # wire types of protocol buffers
@@ -62,7 +61,7 @@ def read(path: Path) -> Samples:
     left_out = ", ".join(f"{number} {reason}" for reason, number in counts.items())
     notes = [f"{path.name}: moving objects left out: {left_out}."] if left_out else []
     rows = rows[rows["vehicle"].isin(reasons.index[reasons == ""])]
-    if rows.empty:
+    if rows.empty:  # all were left out, so there is a note
         raise InputError(
             f"{path} must hold vehicles or pedestrians with a body, got none: {notes[-1]}"
         )
@@ -85,7 +84,7 @@ def _moving_objects(path: Path) -> DataFrame:
     if rows.empty:
         raise InputError(f"{path} must hold GroundTruth with moving objects, got none.")
     numbers = [name for name in _COLUMNS if name not in ("vehicle", "type", "subtype")]
-    checked_numbers(rows, numbers, path, rows=range(1, len(rows) + 1))
+    make_numbers(rows, numbers, path, rows=range(1, len(rows) + 1))
     return rows
 
 
@@ -128,9 +127,14 @@ def _trace(path: Path) -> Iterator[tuple[str, bytes]]:
     kind = _SENSOR_VIEW if "_sv_" in path.name else "GroundTruth"
     with opened(path, "rb") as file:
         while header := file.read(4):
-            # a length that is cut off or too large fails below, as a message that is cut off
-            size = struct.unpack("<I", header)[0] if len(header) == 4 else _TRACE_LIMIT
-            message = file.read(size) if size < _TRACE_LIMIT else b""
+            # a length that is cut off fails below, as a message that is cut off
+            size = struct.unpack("<I", header)[0] if len(header) == 4 else 1
+            if size >= _TRACE_LIMIT:
+                raise InputError(
+                    f"{path} must be a trace of OSI, each message after its length below "
+                    f"{_TRACE_LIMIT:,} bytes, got the length {size:,}."
+                )
+            message = file.read(size)
             if len(message) < size:
                 raise InputError(
                     f"{path} must be a trace of OSI, each message after its length; it ends "
@@ -245,6 +249,6 @@ def _omega_prime(path: Path) -> DataFrame:
     rows["t"], rows["speed"] = clock["total_nanos"] * 1e-9, np.hypot(clock["vel_x"], clock["vel_y"])
     rows = rows.fillna({"type": 0, "subtype": 0})
     # columns of integers need no check, and a 64-bit id does not fit into the check's doubles
-    unchecked = [it for it in ("vehicle", "type", "subtype") if rows[it].dtype.kind not in "iu"]
-    checked_numbers(rows, unchecked, path, rows=range(1, len(rows) + 1))
-    return rows.astype(dict.fromkeys(unchecked, int))[list(_COLUMNS)]
+    not_integer = [it for it in ("vehicle", "type", "subtype") if rows[it].dtype.kind not in "iu"]
+    make_numbers(rows, not_integer, path, rows=range(1, len(rows) + 1))
+    return rows.astype(dict.fromkeys(not_integer, int))[list(_COLUMNS)]

@@ -18,7 +18,7 @@ from pandas import DataFrame, Series
 
 from sumo_eval.drivers.recorded.importers.tables import (
     Samples,
-    checked_numbers,
+    make_numbers,
     read_table,
     reading,
 )
@@ -50,7 +50,7 @@ def read(path: Path) -> Samples:
         )
     numbers = [*rows.filter(["time", *_NEEDED, "acceleration", "posLat"])]
     lines = rows["row"].tolist() if is_xml else None
-    checked_numbers(rows, numbers, path, rows=lines, gaps=["posLat"])
+    make_numbers(rows, numbers, path, rows=lines, gaps=["posLat"])
     kinds = rows.get("type", Series("car", rows.index)).astype(str).str.lower()
     kinds = kinds.replace("default_biketype", "bicycle")  # the name of SUMO's own type
     length, width = np.array([BODIES.get(kind, (LENGTH, WIDTH)) for kind in kinds]).T

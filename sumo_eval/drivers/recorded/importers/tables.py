@@ -126,7 +126,7 @@ def require_columns(table: DataFrame, required: Sequence[str], path: Path) -> No
         raise InputError(f"{path} must have {columns}.{hint}")
 
 
-def checked_numbers(
+def make_numbers(
     table: DataFrame,
     columns: Sequence[str],
     path: Path,
