@@ -1,6 +1,8 @@
 """An evaluation from a notebook: a dict in, classes and functions of a cell as ADSs, a table and a
 picture out."""
 
+import subprocess
+import sys
 import threading
 import tomllib
 from importlib.metadata import version
@@ -11,6 +13,7 @@ from commands import sumo_eval as sumo_eval_cli
 from refusals import refusal
 
 import sumo_eval
+from sumo_eval.record.given import entry_of
 from sumo_eval.settings import AdsSettings
 from sumo_eval.settings.config import read_evaluation
 
@@ -108,6 +111,76 @@ def test_what_cannot_be_sent_is_refused_and_leaves_no_run(tmp_path):
     with refusal(r"ADS `holds` cannot be sent to the processes that drive: TypeError"):
         sumo_eval.evaluate(EVALUATION, tmp_path / "run", ads=[holds])
     assert not (tmp_path / "run").exists()
+
+
+SCRIPT = """
+from pathlib import Path
+from sumo_eval.record.given import entry_of
+
+class Mine:
+    def act(self, seen):
+        return -4.0
+
+print(entry_of(Mine, Path("run"), resume=True).controller)
+"""
+
+
+def test_a_class_of_a_script_has_one_file_in_all_processes(tmp_path):
+    """Else a resumed run repeats all drives: cloudpickle numbers classes at random."""
+    (tmp_path / "script.py").write_text(SCRIPT)
+    files, contents = set(), set()
+    for _ in range(2):
+        said = subprocess.check_output([sys.executable, "script.py"], cwd=tmp_path, text=True)
+        files.add(said.strip().removeprefix("given:"))
+        contents.add(Path(said.strip().removeprefix("given:")).read_bytes())
+    assert len(files) == len(contents) == 1
+    (tmp_path / "script.py").write_text(SCRIPT.replace("4.0", "5.0"))
+    said = subprocess.check_output([sys.executable, "script.py"], cwd=tmp_path, text=True)
+    assert said.strip().removeprefix("given:") not in files, "an edited class is another ADS"
+
+
+def test_a_cell_has_one_file_in_all_kernels(tmp_path):
+    names = set()
+    for kernel in ("ipykernel_7", "ipykernel_12345"):
+        cell = {"__name__": "__main__"}
+        exec(compile("def cell(seen):\n    return 0.0", f"/tmp/{kernel}/99.py", "exec"), cell)
+        names.add(entry_of(cell["cell"], tmp_path, resume=True).controller)
+    assert len(names) == 1
+
+
+def test_an_object_of_a_file_is_read_without_the_file(tmp_path, monkeypatch):
+    """It was pickled by the name of its module, which `verify` and `run --resume` did not find."""
+    (tmp_path / "helper_of_mine.py").write_text("LIMIT = 4.0\n")
+    (tmp_path / "mine_of_a_file.py").write_text(
+        "import helper_of_mine\n"
+        "class Mine:\n"
+        "    class Inner:\n"
+        "        def act(self, seen):\n"
+        "            return -helper_of_mine.LIMIT\n"
+    )
+    monkeypatch.syspath_prepend(tmp_path)
+    from mine_of_a_file import Mine
+
+    for ads in Mine.Inner, Mine.Inner().act:
+        file = entry_of(ads, tmp_path / "run", resume=True).controller.removeprefix("given:")
+        read = f"import pickle; print(pickle.load(open({file!r}, 'rb')))"
+        assert "Inner" in subprocess.check_output([sys.executable, "-c", read], text=True)
+
+
+def test_code_that_cannot_be_pickled_is_named(tmp_path, monkeypatch):
+    (tmp_path / "holds_a_lock.py").write_text(
+        "import threading\n"
+        "LOCK = threading.Lock()\n"
+        "class Mine:\n"
+        "    def act(self, seen):\n"
+        "        with LOCK:\n"
+        "            return 0.0\n"
+    )
+    monkeypatch.syspath_prepend(tmp_path)
+    from holds_a_lock import Mine
+
+    controller = entry_of(Mine(), tmp_path / "run", resume=True).controller
+    assert b"holds_a_lock" in Path(controller.removeprefix("given:")).read_bytes()
 
 
 def test_two_of_one_name_cannot_be_told_apart(tmp_path):
