@@ -64,3 +64,10 @@ def test_one_key_stands_after_the_drive_and_after_the_replay():
     questions = QuestionSettings("effort", "a"), QuestionSettings("effort", "b", "replay")
     own_score = QuestionSettings("score", "How well did you drive?")
     StudySettings("x", "r", "c", question=(*questions, own_score))
+
+
+def test_more_passes_than_trials_are_refused(tmp_path):
+    """No participant could pass."""
+    (tmp_path / "study.toml").write_text(f"{STUDY}[practice]\npasses = 7\n")
+    with refusal(r"`passes` of `practice` must be at most `most` \(6\), got 7"):
+        read_study(tmp_path / "study.toml")

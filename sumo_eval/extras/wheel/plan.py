@@ -47,12 +47,17 @@ class PracticeSettings(Checked):
     passes: Natural = setting(1, "trials that must be passed; 0: no practice")
     most: PositiveInt = setting(6, "most trials; a participant without enough passes goes home")
 
+    def __post_init__(self) -> None:
+        Checked.__post_init__(self)
+        if self.passes > self.most:
+            raise must_be("`passes`", "`practice`", f"at most `most` ({self.most})", self.passes)
+
 
 @frozen
 class QuestionSettings(Checked):
     """A question on a scale of 1 to 10."""
 
-    key: FilledText = required("its column in answers.csv")
+    key: FilledText = required("its `question` in answers.csv")
     text: FilledText = required("what is asked")
     after: Literal["drive", "replay"] = setting(
         "drive", "asked after one's own drive, or after a replay"
