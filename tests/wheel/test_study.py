@@ -32,6 +32,7 @@ from sumo_eval.extras.wheel.study import (
     scale,
     study,
 )
+from sumo_eval.record.store import Store
 from sumo_eval.report.people import study_sentences
 
 RUN = """
@@ -276,6 +277,21 @@ def test_a_study_file_with_a_mistake_gets_a_sentence(plan):
         path.write_text(text)
         with refused(words):
             read_study(path)
+
+
+def test_a_run_without_trajectories_is_refused_for_that(plan, monkeypatch):
+    """It was refused for unknown ADSs and cases, or for points without drivers."""
+    monkeypatch.setattr(Store, "trajectories", lambda store, case: {})
+    path, case = plan.run.parent / "study.toml", plan.cases[0].key
+    for change, unseen in (
+        ("", "ADSs"),
+        ('ads = ["asleep"]\n', "asleep"),
+        (f'cases = ["{case}"]\n', case),
+    ):
+        path.write_text(change + STUDY)
+        with refusal(f'{unseen} of the run .* must have trajectories to replay.* `keep = "all"`'):
+            read_study(path)
+    path.write_text(STUDY)
 
 
 def test_a_damaged_journal_is_refused_and_a_whole_line_stays(plan):

@@ -127,7 +127,7 @@ class StudyPlan(NamedTuple):
 
     run: folder of the run whose drives are replayed.
     folder: of the study.
-    cases: in the order of the settings, else of the run.
+    cases: in the order of `settings.cases`; where it is empty, by scenario's name and point.
     ads: names of the ADSs whose drives are rated.
     """
 
@@ -184,14 +184,22 @@ def read_study(path: Path) -> StudyPlan:
     with open_store(run) as store:
         # only safe points have drives of human drivers
         safe_keys = {_key(fact) for fact in store.facts("human")}
+        driven = [*store.facts("ads")]
         # A replay needs trajectories. Drives that failed, or whose trajectories were discarded,
         # have none.
-        replayable = [fact for fact in store.facts("ads") if store.trajectories(fact.case)]
+        replayable = [fact for fact in driven if store.trajectories(fact.case)]
     names = tuple(dict.fromkeys(fact.driver for fact in replayable))  # of the ADSs
     drives = grouped((_key(fact), fact) for fact in replayable)
     keys = settings.cases or _spread([key for key in drives if key in safe_keys], settings.count)
-    check_known("ADS of the run", names, *settings.ads)
-    check_known("case of the run", drives, *keys)
+    check_known("ADS of the run", {fact.driver for fact in driven}, *settings.ads)
+    check_known("case of the run", [_key(fact) for fact in driven], *settings.cases)
+    unseen = [*(name for name in settings.ads if name not in names),
+        *(key for key in settings.cases if key not in drives)]  # fmt: skip
+    if unseen or not replayable:
+        raise InputError(
+            f"{', '.join(unseen) or 'ADSs'} of the run {run} must have trajectories to replay, got "
+            'none: its drives failed, or `[run] keep` discarded them (record it with `keep = "all"`).'
+        )
     for key, listed in (("`cases`", keys), ("`ads`", settings.ads)):
         if len(set(listed)) < len(listed):
             raise must_be(key, f"study `{settings.name}`", "distinct", ", ".join(listed))
