@@ -3,7 +3,7 @@
 The evaluation that runs it again names the user's files by absolute paths, so it needs them where
 they are, on this machine.
 
-Users: `cli/look.py`, `extras/wheel/outcome.py`.
+Users: `cli/look.py`, `extras/wheel/outcome.py`, `extras/wheel/plan.py`.
 """
 
 import shlex

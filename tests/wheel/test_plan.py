@@ -1,11 +1,14 @@
 """Orders that are balanced, and study files that say what they mean."""
 
 import itertools
+import shutil
 from collections import Counter
+from types import SimpleNamespace
 
 import pytest
 from refusals import refusal
 
+from sumo_eval.extras.wheel import plan
 from sumo_eval.extras.wheel.plan import (
     QuestionSettings,
     StudySettings,
@@ -14,6 +17,10 @@ from sumo_eval.extras.wheel.plan import (
 )
 from sumo_eval.extras.wheel.study import Participant
 from sumo_eval.extras.wheel.tape import json_lines
+from sumo_eval.scenario.catalogue import find
+from sumo_eval.scenario.resolved import Resolved
+from sumo_eval.scenario.shipped_files import scenario_files
+from sumo_eval.settings.config import settings_from
 
 STUDY = 'name = "x"\nrun = "r"\nconsent = "c"\n'
 
@@ -71,3 +78,17 @@ def test_more_passes_than_trials_are_refused(tmp_path):
     (tmp_path / "study.toml").write_text(f"{STUDY}[practice]\npasses = 7\n")
     with refusal(r"`passes` of `practice` must be at most `most` \(6\), got 7"):
         read_study(tmp_path / "study.toml")
+
+
+def test_a_case_names_a_scenario_file_with_options_wherever_its_tape_lies(tmp_path, monkeypatch):
+    """The path stayed relative to the run's evaluation: `drive TAPE` did not find the scenario."""
+    shutil.copy(scenario_files()["cut_in"], tmp_path / "mine.toml")
+    entry = {"use": "mine.toml?lateral_acceleration=1.5"}
+    settings = settings_from({"name": "x", "scenario": [entry]}, "x", own_ads=False)
+    resolved = Resolved.of(settings, tmp_path)
+    monkeypatch.setattr(plan, "resolved_run", lambda run: resolved)
+    (logical,) = resolved.scenarios.values()
+    values = {it.name: it.low for it in logical.parameters}
+    fact = SimpleNamespace(scenario=logical.name, values=values, driver="idm")
+    (case,) = plan._cases_of(tmp_path, {"x-0000": [fact]})
+    assert find(case.use, tmp_path / "participants").name == logical.name

@@ -18,6 +18,7 @@ from sumo_eval.groups import grouped
 from sumo_eval.record.case_rows import Fact
 from sumo_eval.record.run_folder import resolved_run
 from sumo_eval.record.store import open_store
+from sumo_eval.report.export_case import absolute
 from sumo_eval.scenario.concrete import ConcreteScenario
 from sumo_eval.settings.checked import (
     Checked,
@@ -221,14 +222,15 @@ def _spread(keys: Sequence[str], most: int) -> list[str]:
 def _cases_of(run: Path, drives: Mapping[str, Sequence[Fact]]) -> tuple[StudyCase, ...]:
     """Cases of a study; drives: key of a case -> facts of all ADSs' drives in it, at least one."""
     resolved = resolved_run(run)
-    uses = {logical.name: (entry.use, logical) for entry, logical in resolved.entries}
+    uses = {
+        # a tape names its scenario, and is not in the folder where the run's paths start
+        logical.name: (absolute(entry.use, resolved.source, "use"), logical)
+        for entry, logical in resolved.entries
+    }
     cases = []
     for key, facts in drives.items():
         fact = facts[0]  # all facts of a case have the same point
         use, logical = uses[fact.scenario]
-        file = resolved.source / use
-        if file.is_file():  # else the name of a shipped scenario
-            use = str(file)
         by_ads = {drive.driver: drive for drive in facts}
         cases.append(StudyCase(key, use, logical.concrete(**fact.values), by_ads))
     return tuple(cases)
