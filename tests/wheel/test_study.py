@@ -273,6 +273,7 @@ def test_a_study_file_with_a_mistake_gets_a_sentence(plan):
         (STUDY.replace("count = 2", 'ads = ["followr"]'), "Did you mean `follower`"),
         (STUDY.replace("count = 2", 'ads = ["asleep", "asleep"]'), "`ads` of study `afternoon`"),
         (STUDY.replace('run = "run"', 'run = "nowhere"'), "nowhere"),
+        (STUDY.replace("afternoon", "/tmp/elsewhere"), "a folder next to the file, got '/tmp"),
     ):
         path.write_text(text)
         with refused(words):

@@ -155,8 +155,8 @@ class StudyPlan(NamedTuple):
             for ads in self.ads:
                 driven = [case for case in self.cases
                     if case.concrete.scenario == scenario and ads in case.ads]  # fmt: skip
-                # which ones is random, but not their order, which the last line draws
                 chosen = draw.permutation(len(driven))[: self.settings.replays]
+                # sorted: the order of all replays is drawn below
                 replays += [(driven[index], ads) for index in sorted(chosen)]
         return [replays[index] for index in draw.permutation(len(replays))]
 
@@ -208,9 +208,16 @@ def read_study(path: Path) -> StudyPlan:
         raise InputError(
             f"The run {run} must have a safe point with drivers for a study, got none."
         )
-    folder = (path.parent / (settings.out or settings.name.replace(" ", "_"))).absolute()
     cases = _cases_of(run, {key: drives[key] for key in keys})
-    return StudyPlan(settings, run, folder, cases, settings.ads or names)
+    return StudyPlan(settings, run, _folder_of(settings, path), cases, settings.ads or names)
+
+
+def _folder_of(settings: StudySettings, path: Path) -> Path:
+    """Folder of the study of a file, `path`."""
+    if not settings.out and {"/", ".."} & {*Path(settings.name).parts}:
+        owner = "a study without `out`"
+        raise must_be("`name`", owner, "the name of a folder next to the file", settings.name)
+    return (path.parent / (settings.out or settings.name.replace(" ", "_"))).absolute()
 
 
 def _spread(keys: Sequence[str], most: int) -> list[str]:
