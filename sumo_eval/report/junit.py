@@ -1,9 +1,10 @@
 """JUnit XML for continuous integration, of a run, a comparison or a night.
 
-A failure: the ADS did badly. An error: the case could not be evaluated. Written by lxml in the
+A failure: the ADS collided, left the road or missed a requirement. An error: the case could not be
+evaluated (the ADS gave up, or the harness failed), or a score lacks it. Written by lxml in the
 shape that Jenkins, GitLab and the usual GitHub actions read.
 
-Users: `cli/compare.py`, `cli/finish.py`, `nightly/night.py`.
+Users: `cli/compare.py`, `cli/finish.py`, `nightly/night.py`, `evaluation.py`.
 """
 
 import math
@@ -124,7 +125,8 @@ def comparison_suites(comparison: Comparison | None, gates: Sequence[GateResult]
 def _change_tests(part: AdsComparison) -> Iterator[Test]:
     """A test for each pair of cases, in the order of the new run."""
     changed = part.changed
-    rows = {pair: row for row, pair in enumerate(changed.which.tolist())}  # of the changed pairs
+    # index of a pair of cases -> index of its change in `changed`
+    rows = {pair: row for row, pair in enumerate(changed.which.tolist())}
     for pair, case in enumerate(changed.paired.new):
         change = changed[rows[pair]] if pair in rows else None
         yield _change_test(case, change, part.units[1])  # unit of U in the new run
@@ -133,8 +135,8 @@ def _change_tests(part: AdsComparison) -> Iterator[Test]:
 def write_junit(suites: Suites, path: Path) -> Path:
     """Write the suites to a file and return its path.
 
-    One test of a case is in memory at a time. The file needs the number of tests before them, so
-    each suite is written to a temporary file first: making its tests twice would take longer.
+    Only one test is in memory at a time. In the file the number of tests stands before them, so
+    each suite first goes to a temporary file. (To count, the tests would have to be made twice.)
     """
     with writing(f"The JUnit file {path}"), ExitStack() as bodies, path.open("wb") as out:
         written = {
@@ -203,15 +205,20 @@ def _element(test: Test, classname: str) -> etree._Element:
 
 
 def _case_test(case: CaseResult, missing: bool, report: ReportSettings, unit: str) -> Test:
+    """The test of a case of one run.
+
+    missing: whether a score lacks the case.
+    unit: of U.
+    """
     reason = placed(why_missing(case), case) if missing else ""
     result = partial(Test, point_words(case.values), seconds=case.wall_time or 0.0)
-    if not case.evaluated:  # then `missing` is true, so `reason` is not empty
+    if not case.evaluated:  # then a score lacks it, so `reason` is not empty
         text = "\n".join([reason, *_task_and_harm(case, unit)])
         return result("error", case.status, _first_line(reason), text)
     # off_road: the centre left the road, which ends a drive; departed: a corner did
     if case.status == "off_road" or case.departed:
         return result("failure", "off_road", f"{case.ads} left the road", _facts(case, unit))
-    # without an outcome of the ideal vehicle a collision does not count as unavoidable
+    # `unavoidable` is false where the ideal vehicle has no outcome: then a collision is a failure
     if case.collided and (report.junit_failures == "any" or not case.unavoidable):
         which = "collision" if case.kind == "not known" else f"{case.kind} collision"
         speed = number(case.impact_speed, 1)
@@ -220,7 +227,7 @@ def _case_test(case: CaseResult, missing: bool, report: ReportSettings, unit: st
     if case.requirements_missed:
         message = f"{case.ads} misses: {case.requirements_missed}"
         return result("failure", "requirement", message, _facts(case, unit))
-    if reason:
+    if reason:  # it was evaluated, but has no value in a score, e.g. no D_i for want of drivers
         return result("error", "not_evaluated", _first_line(reason), reason)
     return result("passed")
 
@@ -260,12 +267,14 @@ def _change_test(case: CaseResult, change: ChangedCase | None, unit: str) -> Tes
     change: from the base; None: there is none.
     """
     result = partial(Test, point_words(case.values))
+    if not case.evaluated:
+        newly = change is not None and change.change == "not evaluated any more"
+        words = "not evaluated any more" if newly else "not evaluated, as in the base"
+        reason = _first_line(placed(case.error or case.status, case))
+        return result("error", case.status, f"{words}: {reason}", case.case)
     if change is None or not change.worse:
         return result("passed")
     kind = change.change
-    if kind == "not evaluated any more":
-        reason = _first_line(placed(case.error or case.status, case))
-        return result("error", case.status, f"{kind}: {reason}", case.case)
     message = f"{kind}, not so in the base"
     if change.by is not None:
         message = f"{kind} than in the base by {abs(change.by):z.3g}"

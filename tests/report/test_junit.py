@@ -161,6 +161,22 @@ def test_a_comparison_has_a_suite_of_gates_and_one_test_a_case(evaluation, tmp_p
     assert set(compared(None, limited)["gates"].values()) == {"skipped"}
 
 
+def test_a_case_that_neither_run_evaluated_is_an_error(evaluation, tmp_path):
+    """It passed, while `compare` exited with 3."""
+    lost = next(case for case in evaluation.cases if not case.evaluated)
+    suites = comparison_suites(compare(evaluation, evaluation, GateSettings(resamples=100)), [])
+    xml = junitparser.JUnitXml.fromfile(str(write_junit(suites, tmp_path / "junit.xml")))
+    (result,) = next(
+        case.result
+        for suite in xml
+        for case in suite
+        if suite.name == f"{lost.ads} in {lost.scenario} beside the base"
+        and case.name == point_words(lost.values)
+    )
+    assert isinstance(result, junitparser.Error)
+    assert result.message.startswith("not evaluated, as in the base: ")
+
+
 @pytest.mark.parametrize("text", ["\x00\x1b[31m", "]]><x>&", "\ud800", "line\nline"])
 def test_whatever_a_controller_says_the_file_stays_xml(evaluation, text, tmp_path):
     broken = next(case for case in evaluation.cases if case.status == "crashed")
