@@ -31,6 +31,7 @@ from sumo_eval.report.score_words import explain_s_plus
 from sumo_eval.report.tables import write_tables
 from sumo_eval.report.words import count, end_reason, number, placed, severity_words
 from sumo_eval.results import Evaluation
+from sumo_eval.scenario.logical import LogicalScenario
 from sumo_eval.scoring.case_terms import SCORES
 from sumo_eval.scoring.comparison import AdsComparison, ChangedCase, Comparison
 from sumo_eval.scoring.findings import Findings, findings_of
@@ -77,7 +78,8 @@ def run_suites(evaluation: Evaluation) -> Suites:
             partial(_case_test, report=report, unit=unit), findings.cases, findings.missing.tolist()
         )
         if report.junit == "cell":
-            tests = _by_cell(findings.cases, tests, report.junit_cells)
+            logical = evaluation.scenarios[score.scenario]
+            tests = _by_cell(logical, findings.cases, tests, report.junit_cells)
         key = f"{score.ads} in {score.scenario}", f"{score.scenario}.{score.ads}"
         suites[key] = tests, _scores_of(findings)
     return suites
@@ -281,17 +283,18 @@ def _change_test(case: CaseResult, change: ChangedCase | None, unit: str) -> Tes
     return result("failure", kind.replace(" ", "_"), message, _facts(case, unit))
 
 
-def _by_cell(cases: CaseTable, tests: Iterable[Test], cells: int) -> Iterator[Test]:
-    """One test for each cell of the sampled box that holds cases.
+def _by_cell(
+    logical: LogicalScenario, cases: CaseTable, tests: Iterable[Test], cells: int
+) -> Iterator[Test]:
+    """One test for each cell of the space that holds cases.
 
     tests: those of the cases.
+    cells: number of cells along each parameter.
 
     It is a failure if any of its cases is a failure, else an error if any is an error.
     """
-    if not len(cases):
-        return
-    names = list(cases[0].values)
-    cell_of_case, edges_of = cells_of(cases.parameters(names), cells)
+    names = logical.names
+    cell_of_case, edges_of = cells_of(logical, cases.parameters(names), cells)
     # tests that passed are not kept, only their times: there may be a million
     seconds: defaultdict[tuple[int, ...], array[float]] = defaultdict(lambda: array("d"))
     bad: defaultdict[tuple[int, ...], list[Test]] = defaultdict(list)

@@ -138,18 +138,19 @@ def tile_counts(
     return number, hits / np.maximum(number, 1.0)
 
 
-def cells_of(points: FloatArray, cells: int) -> tuple[IntArray, FloatArray]:
-    """Equal cells of the box that points fill, for one JUnit test a cell: index of each point's
-    cell along each parameter, (n, k), and the edges of the cells, (cells + 1, k).
+def cells_of(
+    logical: LogicalScenario, points: FloatArray, cells: int
+) -> tuple[IntArray, FloatArray]:
+    """Equal cells of the space, for one JUnit test a cell: index of each point's cell along each
+    parameter, (n, k), and the edges of the cells, (cells + 1, k).
 
     points: (n, k), in the parameters' units.
-    cells: number of cells along each parameter. Along a parameter that does not vary, all points
-        are in cell 0.
+    cells: number of cells along each parameter.
     """
-    low, high = points.min(axis=0), points.max(axis=0)
-    spans = np.where(high > low, high - low, 1.0)
-    places = np.minimum(cells - 1, (cells * (points - low) / spans).astype(np.intp))
-    return places, low + (high - low) / cells * np.arange(cells + 1)[:, None]
+    # not of the box that the points fill: another sample must have the same cells
+    low, spans = logical.low, logical.high - logical.low
+    places = np.clip((cells * (points - low) / spans).astype(np.intp), 0, cells - 1)
+    return places, low + spans / cells * np.arange(cells + 1)[:, None]
 
 
 def slice_points(

@@ -4,6 +4,7 @@ reads it back."""
 from dataclasses import replace
 
 import junitparser
+import numpy as np
 import pytest
 from report_cases import HIT, pick, with_case, with_settings
 
@@ -140,6 +141,16 @@ def test_a_cell_fails_when_a_case_in_it_does(evaluation, tmp_path):
         assert ("failure" in tests.values()) == ("failure" in by_case[suite].values())
     said = [case.result[0].message for suite in cases for case in suite if case.result]
     assert any("cases failed" in message for message in said)
+
+
+def test_the_cells_are_those_of_the_space_whatever_was_sampled(evaluation, tmp_path):
+    """Their names followed the sample: CI lost the history of the tests."""
+    celled = with_report(evaluation, junit="cell", junit_cells=2)
+    part = replace(celled, cases=celled.cases[np.arange(len(celled.cases)) % 3 == 1])
+    whole, fewer = (read(suites_of(one, tmp_path)) for one in (celled, part))
+    for suite, tests in fewer.items():
+        assert tests.keys() <= whole[suite].keys()
+        assert tests
 
 
 def test_a_comparison_has_a_suite_of_gates_and_one_test_a_case(evaluation, tmp_path):
