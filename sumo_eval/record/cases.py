@@ -32,14 +32,14 @@ Status = Literal[
 ]
 
 ALONE = "Simulated alone: "
-"""Begins the log of a case that was meant for a batch, but driven alone; the reason follows."""
+"""Begins the log of a case that was taken out of a batch and driven alone; the reason follows."""
 BATCHED = ("batched", "compared")
-"""Values of `Outcome.batched` for a hook's case that shared SUMO: in a batch only, or also by
-itself, with equal drives."""
+"""Values of `Outcome.batched` for a case of a hook (TraCI code) in a batch: driven there only, or
+also alone for comparison, with equal drives."""
 
 IN_BLOCK = "in_block"
-"""Marks a case driven in a block: the name of a clip, as clips are stored with every case. Its
-`requested` is the number of cases of the block."""
+"""Name of an entry among a recording's clips that marks a case driven in a block. It limits nothing:
+clips are stored with every case, so the mark needs no column. `requested`: cases of the block."""
 
 
 @frozen
@@ -55,6 +55,7 @@ class Block:
 
     first: int
     name: str
+    # `name` stands for them where blocks are compared or hashed
     concretes: tuple[ConcreteScenario, ...] = field(repr=False, compare=False)
 
     @classmethod
@@ -66,6 +67,9 @@ class Block:
 @frozen
 class Case:
     """One drive to do.
+
+    Its `repr` is hashed into the fingerprint: a change of a field's name, order or `repr` makes all
+    recorded drives stale.
 
     point: its number in the sample.
     driver: name of the ADS or of the human driver; of a reference its role.
@@ -108,12 +112,14 @@ def on_its_own(cases: Sequence[Case]) -> bool:
 class Outcome:
     """Outcome of a case.
 
-    recording: None where the case was rejected, or the process that drove it was lost.
+    recording: None where the case was rejected, its ADS could not be made, or the process that
+        drove it was lost.
     error: message of what failed; None: nothing.
     log: the traceback of an exception, and beginning and end of the case's output.
     error_place: file, line and function of the user's code that an exception came from.
     batched: one of `BATCHED`, as in `Recording`; empty of other cases.
-    alone: why a case that was meant for a batch was driven alone; None for any other.
+    alone: why a case was taken out of a batch and driven alone; None for any other, also where no
+        case of its kind can be in one (`batch = false`, one object for all cases).
     reads: (path, hash) of each file that the process of a user's ADS has read since its last case;
         None: not watched.
     """
