@@ -38,8 +38,9 @@ BATCHED = ("batched", "compared")
 also alone for comparison, with equal drives."""
 
 IN_BLOCK = "in_block"
-"""Name of an entry among a recording's clips that marks a case driven in a block. It limits nothing:
-clips are stored with every case, so the mark needs no column. `requested`: cases of the block."""
+"""Name of an entry among a recording's clips that marks a case driven in a block. It limits
+nothing: clips are stored with every case, so the mark needs no column. `requested`: number of the
+block's cases."""
 
 
 @frozen

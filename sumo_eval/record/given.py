@@ -107,7 +107,8 @@ def _is_users(module: Any) -> bool:
 def _digest(data: bytes) -> str:
     """A hash of a pickle that is the same in each process that pickles the same ADS.
 
-    A set of texts in the code has an order of its own in each process: such an ADS is driven again.
+    A set of texts in the code has an order of its own in each process: a resumed run repeats the
+    drives of such an ADS.
     """
     digest = hashlib.sha256()
     for operation, argument, _ in pickletools.genops(data):

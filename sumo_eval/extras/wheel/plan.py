@@ -199,7 +199,8 @@ def read_study(path: Path) -> StudyPlan:
     if unseen or not replayable:
         raise InputError(
             f"{', '.join(unseen) or 'ADSs'} of the run {run} must have trajectories to replay, got "
-            'none: its drives failed, or `[run] keep` discarded them (record it with `keep = "all"`).'
+            "none: the drives failed, or `[run] keep` discarded them; record the run with "
+            '`keep = "all"`.'
         )
     for key, listed in (("`cases`", keys), ("`ads`", settings.ads)):
         if len(set(listed)) < len(listed):
