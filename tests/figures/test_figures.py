@@ -108,6 +108,28 @@ def test_the_bars_of_the_points_end_at_the_score(done):
     assert kept == [pytest.approx(done.scores[0].s_plus)]
 
 
+def test_a_score_that_was_not_computed_has_no_bar(done):
+    """Without a safe point there is no S+ and no D, which is no loss by driving."""
+    cases = tuple(it for it in done.cases if it.zone == "hazardous")
+    gone = dict.fromkeys(("s_plus", "task_share", "human_likeness", "d"))
+    scores = tuple(replace(it, **gone) for it in done.scores)
+    figure = draw(replace(done, cases=cases, scores=scores), "points")
+    ordering, paper = figure.axes
+    assert {text.get_text() for text in ordering.texts} == {"not computed"}
+    assert not sum(bar.get_width() for bar in ordering.patches)
+    assert "not computed" not in {text.get_text() for text in paper.texts}, "C is enough for S"
+    words = [text.get_text() for text in figure.legends[0].get_texts()]
+    assert words == ["kept", "of a term that was not computed", "lost by harm (A, C)"]
+
+
+def test_the_title_counts_collisions_without_a_severity(done):
+    unknown = tuple(replace(it, ideal_severity=None) for it in done.cases)
+    number = sum(bool(it.collided) for it in unknown if it.scenario == SCENARIOS[0])
+    figure = draw(replace(done, cases=unknown), "collisions", scenario=SCENARIOS[0])
+    wanted = f"{SCENARIOS[0]}: U unknown in {number} of {number}"
+    assert [axes.get_title() for axes in figure.axes] == [wanted]
+
+
 def test_axes_hold_what_is_drawn_and_no_more(done):
     """Points go from 0 to 100; the share of collisions begins at 0, the field's colours at its
     lowest value."""

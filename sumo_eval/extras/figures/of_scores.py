@@ -21,7 +21,7 @@ from sumo_eval.groups import grouped
 from sumo_eval.results import ScenarioResult
 from sumo_eval.scoring.findings import Findings
 from sumo_eval.scoring.gate_settings import HIGHER_IS_BETTER
-from sumo_eval.scoring.ledger import Ledger, ledger, ledger_plus
+from sumo_eval.scoring.ledger import NOT_COMPUTED, Ledger, LedgerLine, ledger, ledger_plus
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -31,8 +31,11 @@ LOST = {
     "T": ("lost by not driving (T)", "#56b4e9"),
     **dict.fromkeys(("A", "C"), ("lost by harm (A, C)", "#d55e00")),
     **dict.fromkeys(("H", "D"), ("lost by driving otherwise (H, D)", "#e69f00")),
+    NOT_COMPUTED: ("of a term that was not computed", FAINT),
 }
-"""Term of S+ (T, A, H) or of S (C, D) -> words and colour of the points that it costs."""
+"""Term of S+ (T, A, H) or of S (C, D), or `NOT_COMPUTED` -> words and colour of the points that it
+costs.
+"""
 KEPT = "#0072b2"  # colour of the points that an ADS kept
 
 
@@ -51,29 +54,37 @@ def collisions(request: FigureRequest) -> Figure:
 def _severity_panel(request: FigureRequest, scenario: str) -> Panel:
     """The panel of one scenario."""
     marks, most = [], 0.0
+    collisions = without_severity = 0
     for ads in request.names:
         cases = request.evaluation.cases_of(ads, scenario)
         # U of the ideal vehicle and of the ADS, m/s, (n, 2); nan: not known
         pairs = np.column_stack([cases.ideal_severity, cases.severity])[cases.collided]
-        pairs = pairs[~np.isnan(pairs).any(axis=1)]
+        known = ~np.isnan(pairs).any(axis=1)
+        collisions += len(pairs)
+        without_severity += int(np.count_nonzero(~known))
+        pairs = pairs[known]
         most = pairs.max(initial=most)
         colour, marker, _ = look_of(ads, request.names)
         marks.append(Marks(ads, pairs[:, 0], pairs[:, 1], colour, marker=marker))
     if most:
         marks.insert(0, Marks("", [0.0, most], [0.0, most], MUTED, "-"))
-    title = scenario if most else f"{scenario}: no collision"
+    title = scenario
+    if not collisions:
+        title += ": no collision"
+    elif without_severity:
+        title += f": U unknown in {without_severity} of {collisions}"
     return Panel(marks, "U of the ideal vehicle", "U of the ADS", title)
 
 
 def intervals(request: FigureRequest) -> Figure:
-    """Every score with its 95 % interval.
+    """Scores that are better when higher, each with its 95 % interval.
 
     One panel a score, with a line for each ADS in each scenario.
     """
     scores, panels = request.scores, []
     for symbol, name in HIGHER_IS_BETTER.items():
-        computed = all(getattr(score, name) is not None for score in scores)
-        title = symbol if computed else f"{symbol} (no mark: not computed)"
+        missing = any(getattr(score, name) is None for score in scores)
+        title = f"{symbol} (no mark: not computed)" if missing else symbol
         panels.append(Panel([*_interval_marks(request, name)], title))
     columns = 2 if request.width == "column" else 4
     # Each line needs room. Four panels in a row are narrower, so their height is a larger share.
@@ -133,11 +144,15 @@ def points(request: FigureRequest) -> Figure:
 
 
 def _ledger_bar(ax: Axes, account: Ledger, line: int, legend: dict[str, str]) -> None:
-    """Draw kept points as a bar, and to its right the points that each term costs.
+    """Draw kept points as a bar, and to its right the points that each term costs; words instead,
+    if the score was not computed.
 
     line: y of the bar.
     legend: words -> colour; those of the costs are added.
     """
+    if getattr(account.score, HIGHER_IS_BETTER[account.name]) is None:
+        ax.text(1.0, line, NOT_COMPUTED, va="center", fontsize=5.5, color=MUTED)
+        return
     end = account.total
     ax.barh([line], [end], color=KEPT, height=0.6)
     # the score stands within its bar, or right of one that is too short for it
@@ -146,9 +161,15 @@ def _ledger_bar(ax: Axes, account: Ledger, line: int, legend: dict[str, str]) ->
         f"{end:.1f}", (end, line), xytext=(offset, 0), textcoords="offset points", ha=side,
         va="center", fontsize=5.5, color="white"
     )  # fmt: skip
-    lost = grouped((item.term, -item.points) for item in account.lines if item.points < 0.0)
-    for term, losses in lost.items():
-        words, colour = LOST[term]
+    lost = grouped((_reason(item), -item.points) for item in account.lines if item.points < 0.0)
+    for reason, losses in lost.items():
+        words, colour = LOST[reason]
         ax.barh([line], [math.fsum(losses)], left=[end], color=colour, height=0.6)
         legend[words] = colour
         end += math.fsum(losses)
+
+
+def _reason(item: LedgerLine) -> str:
+    """The key in `LOST` of a line that costs points."""
+    # A term that collisions void is not computed either, but then the line has their cases.
+    return item.cause if item.cause == NOT_COMPUTED and not item.entries else item.term
