@@ -41,28 +41,29 @@ def misplaced(
 ) -> Iterator[Misplaced]:
     """Vehicles with an impossible start, and paths that leave the map."""
     furthest = max([_BESIDE, *(crossing.reach for crossing in road.crossings)])
-    yield from _off_the_road(road, ego, actors, furthest)
+    yield from _off_the_road(road, ego, ego_body, actors, furthest)
     yield from _in_junctions(road, ego, ego_body, actors)
     yield from _off_the_map(road, actors, furthest)
     yield from _overlapping(ego, ego_body, actors)
 
 
 def _off_the_road(
-    road: Road, ego: Start, actors: Sequence[Actor], furthest: float
+    road: Road, ego: Start, ego_body: EgoBody, actors: Sequence[Actor], furthest: float
 ) -> Iterator[Misplaced]:
     """Vehicles that start before or behind the road, or too far from its lanes.
 
     furthest: as in `_reach`.
     """
-    # the ego has half a length of 0 here: a part of its body may be off the road
-    for name, start, half_length, reach in (
-        ("ego", ego, 0.0, 0.0),
-        *((it.name, it.start, it.length / 2, _reach(it, furthest)) for it in actors),
+    for name, start, length, reach in (
+        ("ego", ego, ego_body.length, 0.0),
+        *((it.name, it.start, it.length, _reach(it, furthest)) for it in actors),
     ):
-        last = road.end - half_length
-        if not half_length <= start.x <= last:
+        # The ego's rear may be before the road. SUMO moves a front beyond its end back to the end.
+        first = 0.0 if name == "ego" else length / 2
+        last = road.end - length / 2
+        if not first <= start.x <= last:
             must = (
-                f"on the road, its centre at x = {half_length:g} to {last:g} m "
+                f"on the road, its centre at x = {first:g} to {last:g} m "
                 f"(the ego's starts at {ego.x:g} m)"
             )
             yield Misplaced(f"Vehicle `{name}`", name, must, start.x)

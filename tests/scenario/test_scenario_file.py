@@ -410,6 +410,17 @@ def test_what_is_often_written_gets_the_sentence_that_helps(short, old, new, wor
         check_file(short)
 
 
+def test_an_ego_whose_front_is_beyond_the_road_is_refused(short):
+    """SUMO would move it back, and every drive would fail."""
+    replace_in(short, "length = 286.4", "length = 280.0")
+    replace_in(short, "x = 10.0", "x = 277.75")
+    with refusal("Vehicle `lead` .* on the road"):  # the ego's front is at the end: allowed
+        check_file(short)
+    replace_in(short, "x = 277.75", "x = 278.0")
+    with refusal("Vehicle `ego` .* its centre at x = 0 to 277.75 m .* got 278.0"):
+        check_file(short)
+
+
 @pytest.mark.parametrize(
     "header, low",
     values_of("""
