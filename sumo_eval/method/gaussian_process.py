@@ -8,7 +8,9 @@ its gradient their Eq. 5.9. scikit-learn's regressor finds the same hyperparamet
 compare) in four times the time: it solves K X = I for the inverse, and builds an (n, n) derivative
 for each hyperparameter.
 
-Users: `method/zone_surface.py`. Fixed: the seeds and starts of the search, on which zones depend.
+Users: `method/zone_surface.py`, which has the seed and the first start. Fixed, as zones depend on
+them: K, which a test compares with scikit-learn's to the bit; the generator and the order of its
+draws; the method of the search, with scipy's default rule of when to stop.
 """
 
 from collections.abc import Callable
@@ -77,9 +79,9 @@ def marginal_likelihood(
     variances: of each target, added to K's diagonal, (n,).
     """
     n = len(target)
-    # Squared distances along each coordinate, (k, n*n), doubled above the diagonal and 0 below: the
-    # function multiplies them with `inner`, which is right above the diagonal only. Both are
-    # symmetric, so twice the sum over one triangle is the sum over both.
+    # Squared distances along each coordinate, (k, n*n). For `by_scales` below they are summed with
+    # the factors `inner`, which are right above the diagonal only: hence doubled above it, instead
+    # of the equal terms below it, and 0 below.
     squares = (points.T[:, :, None] - points.T[:, None, :]) ** 2
     squares = 2.0 * np.triu(squares).reshape(points.shape[1], -1)
 
@@ -102,13 +104,14 @@ def marginal_likelihood(
         inverse, _ = lapack.dpotri(factor, lower=1, overwrite_c=1)
         # Eq. 5.9: d log p / d theta = tr(inner dK/dtheta) / 2, inner = weights weights^T - K^-1
         inner = np.outer(weights, weights)
-        # dpotri fills the lower triangle alone, which is the upper one of `inverse.T`. So `inner`
-        # is wrong below its diagonal, where `squares` is 0.
+        # dpotri fills the lower triangle alone, which is the upper one of `inverse.T`: below its
+        # diagonal `inner` is wrong, and `squares` is 0 there
         inner -= inverse.T
         diagonal = inner.diagonal().copy()
         by_noise = parameters.noise * float(diagonal.sum())
-        # K includes the variances: dK / d log sf^2 = K - sn^2 I - diag(variances). Of K alone
-        # tr(inner K) = weights^T y - n, because K weights = y.
+        # K has the variances on its diagonal: dK / d log sf^2 = K - sn^2 I - diag(variances), and
+        # the trace of `inner` with each of the three is one term below. With K it is
+        # weights^T y - n, because K weights = y.
         by_signal = float(target @ weights) - n - by_noise - float(diagonal @ variances)
         # dK / d log sl = K (x - x')^2 / sl^2 for each coordinate, element by element
         inner *= k
@@ -132,10 +135,11 @@ def most_likely(
     start: where the first search begins.
     bounds: low and high of each logarithm, (k + 2, 2).
     restarts: number of further searches, which begin at random places within the bounds.
-    seed: of these places, the same that scikit-learn draws for this seed.
+    seed: of these places.
     """
     low, high = bounds.T
-    stream = np.random.RandomState(seed)  # the legacy generator, as in scikit-learn
+    # the legacy generator: scikit-learn draws the same places for this seed
+    stream = np.random.RandomState(seed)
     starts = start.logarithms, *(stream.uniform(low, high) for _ in range(restarts))
     results = [
         minimize(likelihood, theta, method="L-BFGS-B", jac=True, bounds=Bounds(low, high))

@@ -1,16 +1,19 @@
-"""Manoeuvres of drivers, for the mixture mode of Eq. 11, in which drivers who overtake and drivers
-who follow are not averaged.
+"""Manoeuvres of drivers, for D_i in the mixture mode of Eq. 11 and for H, which always uses it:
+drivers who overtake and drivers who follow are not averaged.
 
 The paper puts one Gaussian over all drivers. Where some overtake and some follow, this Gaussian is
-so wide that a car driving straight through the slower vehicle counts as human (docs/method.md).
+so wide that a car driving straight through the slower vehicle counts as human
+(docs/explanation/drivers.md, Mixture mode).
 
 A manoeuvre is the lane in which a vehicle begins, and the first lane to which it changes, if any. A
 lane counts once it is kept for `manoeuvre_time`. Later changes (back to the right, or to the left
 again for the next vehicle) are left out, because they depend on the length of the recording. The
-trajectory beyond the end of the road counts too: it may show the end of a lane change.
+trajectory beyond the end of the case, x = `Road.length`, counts too: it may show the end of a lane
+change.
 
 Users: `method/anthropomorphic.py`, `method/compared_drives.py`, `method/index_terms.py`,
-`report/notes.py`, `scoring/likeness.py`. Fixed: the sums of `spread`, from which D_i follows.
+`report/notes.py`, `scoring/likeness.py`. Fixed: the values of `manoeuvre_of`, `chosen` and
+`spread`, from which D_i and H follow; `words`, which runs store.
 """
 
 from collections import Counter
@@ -52,10 +55,11 @@ def manoeuvre_of(trajectory: Trajectory, road: Road, keeping_time: float) -> Man
     keeping_time: s; a shorter visit to a lane does not count. The first lane always counts.
     """
     lane = np.round(trajectory.y / road.lane_width).astype(np.int64)
-    # first sample of each visit to a lane, and first sample after it
+    # first sample of each visit to a lane; the sample at which the next visit starts, or the last
     starts = np.flatnonzero(np.append(True, np.diff(lane) != 0))
     ends = np.append(starts[1:], lane.size - 1)
     long_enough = trajectory.time[ends] - trajectory.time[starts] >= keeping_time - ROUNDING
+    # sample 0 first, as the lane of the start counts however short the visit
     lanes = lane[np.append(0, starts[long_enough])].tolist()
     return (lanes[0], *[lane for lane in lanes if lane != lanes[0]][:1])
 
@@ -89,9 +93,9 @@ def spread(
     choice: which drivers are members.
     pooled_drivers: weight of the pooled variance, in drivers, from `[method.anthropomorphic]`.
 
-    In mixture mode a pooled variance is added to the members' own, with the weight of
-    `pooled_drivers` drivers: the variance within manoeuvres, over all manoeuvres. The reason: one
-    or two members alone say little about how much drivers of this manoeuvre differ.
+    One or two members alone say little about how much drivers of their manoeuvre differ. So in
+    mixture mode their variance is averaged with the pooled one, which is the variance within each
+    manoeuvre, over all of them.
     """
     mean, own, freedom = _moments(values, counted, choice.members)
     # 1e-9 avoids a division by 0: with 0 degrees of freedom the squares are 0, and so is the result

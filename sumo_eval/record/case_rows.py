@@ -1,6 +1,8 @@
-"""A case as rows of the tables of a facts file, and back; the hash of all that is recorded of it.
+"""A case as rows of the tables of a facts file, and back; the hash of these rows.
 
-The layout of the tables is format 4 (`facts_file.FORMAT_VERSION`): files of users have it.
+The hash leaves out the table `latencies`, which came after it: an edited `latency_median`,
+`latency_p99` or `latency_reference` is not found. Fixed: files of users have these tables and these
+hashes (format 4, `facts_file.FORMAT_VERSION`).
 
 Users: `record/`, `report/`, `scoring/`, `whatif/search.py`, `extras/`.
 """
@@ -47,9 +49,10 @@ LATER = {
     "let_go": '("case" TEXT PRIMARY KEY, hash BLOB NOT NULL) WITHOUT ROWID',
 }
 """Tables that files of earlier versions lack, with their columns. `let_go` has the cases whose
-trajectories were discarded: the hash of each case with its trajectories."""
+trajectories were discarded, each with the hash that it had before."""
 TABLES = ("facts", "circumstances", "latencies", "trajectories")
-# bytes; the hash shows damage and careless edits, but a forger of the file can write one that fits
+# bytes; the hash shows damage and careless edits, no forgery: whoever edits the file on purpose can
+# write the hash that fits
 HASH_SIZE = 16
 Row = Sequence[Any]  # one value a column
 HAPPENED = "status", "end_reason", "error", "simulated_time", "collision", "clips"
@@ -99,14 +102,18 @@ _SPLIT = {
     "batched": "CASE WHEN alone LIKE '{%' THEN '' ELSE alone END",
 }
 SELECT_FACTS = (
-    # in brackets: SQLite takes a quoted name that it does not know for a text
+    # Names of columns in brackets, not in quotes: SQLite reads "name" as a text where it knows no
+    # such column, and reports no error.
     f"SELECT {', '.join(_SPLIT.get(it, f'[{it}]') for it in _COLUMNS)} FROM facts "  # noqa: S608
     'LEFT JOIN circumstances USING ("case") LEFT JOIN latencies USING ("case") WHERE '
 )
 
 
 def hash_of(fact: Row, circumstance: Row, drives: Iterable[tuple[str, bytes]]) -> bytes:
-    """A hash of all that is recorded of a case; `drives` in the order of the vehicles' names.
+    """A hash of all that is recorded of a case, except its row of `latencies`.
+
+    circumstance: without its hash.
+    drives: packed trajectories, in the order of the vehicles' names.
 
     Trajectories enter by length and CRC-32, which finds every flipped bit in a fifth of the time of
     a longer hash. The row enters in the second format of `marshal`, which has numbers as their
@@ -131,8 +138,9 @@ _NO_RECORDING = KeptRecording({}, None, _NONE, (), Latency(*(5 * [nan])), nan, n
 
 def rows_of(outcome: Outcome) -> tuple[Sequence[Row], ...]:
     """Rows of a case for each of `TABLES`."""
-    case, recording = outcome.case, outcome.recording
-    kept = keep(recording) if isinstance(recording, Recording) else recording or _NO_RECORDING
+    case, recording = outcome.case, outcome.recording or _NO_RECORDING
+    # a worker has packed the trajectories already
+    kept = keep(recording) if isinstance(recording, Recording) else recording
     fact = (
         case.key,
         case.concrete.scenario,
@@ -150,7 +158,7 @@ def rows_of(outcome: Outcome) -> tuple[Sequence[Row], ...]:
         json.dumps([_plain(clip) for clip in kept.clips]),
         case.fingerprint,
     )
-    # `latencies` are median, 99th percentile and reference, which have a table of their own
+    # `latencies` are median, 99th percentile and reference: a table of their own, not in the hash
     mean, longest, *latencies = map(_real, kept.controller_latency)
     # column `alone`, which `_SPLIT` takes apart again
     alone = outcome.batched if outcome.alone is None else json.dumps(_plain(outcome.alone))

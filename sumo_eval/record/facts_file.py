@@ -1,7 +1,7 @@
 """The SQLite file of a run's facts: opened, read and written with errors in words, and checked.
 
-Every case carries a hash of all that is recorded of it. A complete run has a seal, a hash over all
-its cases.
+Every case carries a hash of what is recorded of it (`case_rows.hash_of`). A complete run has a
+seal, a hash over all its cases.
 
 Users: `record/run_folder.py`, `record/store.py`.
 """

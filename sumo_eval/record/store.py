@@ -268,8 +268,8 @@ class Store(FactsFile):
         )
 
     def case_hash(self, case: str) -> bytes:
-        """The hash of all that was recorded of a case, with trajectories that were discarded since;
-        empty where there is none.
+        """The hash of a case as it was recorded, with trajectories that were discarded since; empty
+        where there is no such case.
         """
         row = self._first(
             "SELECT coalesce(let_go.hash, circumstances.hash) FROM circumstances LEFT JOIN let_go "
