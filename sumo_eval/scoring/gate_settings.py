@@ -178,6 +178,14 @@ class OutcomeSettings(Checked):
     repeats: Natural = setting(4, "repetitions of a case that became bad")
     bad_of: PositiveInt = setting(3, "of the first drive and its repetitions, how many must be bad")
 
+    def __post_init__(self) -> None:
+        Checked.__post_init__(self)
+        if self.bad_of > self.repeats + 1:  # then no case of such an ADS could fail
+            raise InputError(
+                f"`bad_of` of [outcome] must be at most `repeats` + 1 = {self.repeats + 1}, the "
+                f"number of drives, got {self.bad_of}."
+            )
+
 
 @frozen
 class NearMissSettings(Checked):

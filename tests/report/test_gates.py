@@ -257,6 +257,7 @@ at_most = 0 | at_least = 0 | is a change already
 worse_by_percent = 5 | worse_by = -1 | must be at least 0
 worse_by_percent = 5 | at_least = 5 | must stand beside worse_by
 confidence = 0.9 | confidence = 1.5 | confidence
+confidence = 0.9 | outcome.repeats = 1 | must be at most `repeats` + 1 = 2, the number of drives, got 3
 [[limit]] | [[limit | not valid TOML
 """),
         ("at_most = 0", "", "must have at_least, at_most, worse_by or worse_by_percent"),
