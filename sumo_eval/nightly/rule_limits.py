@@ -107,7 +107,7 @@ def _outcomes(comparison: Comparison, settings: GateSettings, noise: Noise) -> I
             paired = part.changed.paired
             # by case: number of its pair of rows
             pairs = dict(zip(paired.new.case[worse].tolist(), worse, strict=True))
-            shaky = _by_chance(pairs, part.ads, settings, noise) if repeats.noisy else []
+            shaky = _by_chance(pairs, part.base_ads, settings, noise) if repeats.noisy else []
             bad = {case: pair for case, pair in pairs.items() if case not in shaky}
             cases = count(len(bad), "case")
             sentence = f"{quantity}: no case"
@@ -130,6 +130,8 @@ def _by_chance(cases: Iterable[str], ads: str, settings: GateSettings, noise: No
     """Those of the bad cases of a noisy ADS that are bad by chance: cases that were so in an
     earlier night, and cases of which too few drives are bad tonight. The latter need an ADS that
     was noisy in the base, too.
+
+    ads: its name in the base.
     """
     least = settings.outcome.bad_of if ads not in noise.steady else 0
     return [it for it in cases if it in noise.shaky or noise.bad.get(it, least) < least]

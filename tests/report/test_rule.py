@@ -14,7 +14,7 @@ from tables import values_of
 from sumo_eval.cases import CaseResult
 from sumo_eval.nightly import rule_limits
 from sumo_eval.nightly.gates import judge
-from sumo_eval.nightly.rule_limits import EVERYWHERE, judge_pairs
+from sumo_eval.nightly.rule_limits import EVERYWHERE, judge_pairs, judge_rule
 from sumo_eval.report.gate_result import GateResult, failed
 from sumo_eval.report.sections import change_content
 from sumo_eval.report.verdict import Additions, verdict
@@ -212,6 +212,17 @@ def test_a_noisy_ads_needs_five_drives_to_lose_a_case(evaluation):
         results = judge(new, compare(evaluation, new, SETTINGS), SETTINGS, noise)
         listed = f"tonight (in brackets how many) or in an earlier night: {case.case} ({bad})"
         assert [gate.passed for gate in results if listed in gate.sentence] == [None] * (not fails)
+
+
+def test_renamed_ads_that_lost_repeatability_fails_by_one_drive(evaluation):
+    """The base's record has the ADS by its old name."""
+    case = pick(evaluation, collided=False)
+    comparison = compare(evaluation, with_case(evaluation, case, **HIT), SETTINGS)
+    renamed = comparison._replace(
+        ads=tuple(part._replace(base_ads=f"old {part.ads}") for part in comparison.ads)
+    )
+    noise = Noise({case.ads: NOISY}, {case.case: 1}, steady=frozenset({f"old {case.ads}"}))
+    assert [gate.quantity for gate in failed(judge_rule(renamed, SETTINGS, noise))] == ["collided"]
 
 
 def test_more_shaky_cases_than_are_named_fail_nothing(evaluation, monkeypatch):
