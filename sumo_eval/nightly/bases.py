@@ -78,9 +78,14 @@ def find_bases(
     if pinned_night is not None and pinned_night != last:
         pinned_night, pinned = _first_usable(history, [pinned_night], evaluation, settings, notes)
         unusable |= pinned is None
+    steady = frozenset[str]()
+    if last is not None:
+        try:
+            steady = _steady(history / last.folder / NIGHT)
+        except InputError as error:  # the night stays a base
+            notes.append(str(error))
     # an accepted night that was also tried as the last good one has its note twice
     once = tuple(dict.fromkeys(notes))
-    steady = _steady(history / last.folder / NIGHT) if last else frozenset()
     return Bases(last, pinned_night, comparison, pinned, once, unusable, steady)
 
 
@@ -215,11 +220,13 @@ def finished_within(history: Path, age: str, now: datetime | None = None) -> tup
         return False, f"No night has finished in {history}."
     began = datetime.strptime(night.night, "%Y-%m-%dT%H-%M-%SZ").replace(tzinfo=UTC)
     elapsed = (now or datetime.now(UTC)) - began
-    recent = elapsed <= timedelta(**{UNITS[parts[2]]: int(parts[1])})
-    hours = f"{elapsed.total_seconds() / 3600.0:z.1f} h"
+    # a night before which the clock went back began in the future
+    recent = abs(elapsed) <= timedelta(**{UNITS[parts[2]]: int(parts[1])})
+    hours = f"{abs(elapsed).total_seconds() / 3600.0:z.1f} h"
     return (
         recent,
-        f"The last finished night {night.night} began {hours} ago, "
+        f"The last finished night {night.night} began {hours} "
+        f"{'ago' if elapsed >= timedelta() else 'from now'}, "
         f"{'within' if recent else 'more than'} {age}.",
     )
 

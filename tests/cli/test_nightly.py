@@ -328,9 +328,11 @@ def test_a_disk_full_of_recorded_cases_is_freed(file, history, monkeypatch):
 
 def test_a_damaged_accepted_night_fails_until_another_is(file, history):
     """Without it a slow drift passes night by night, and a note alone wakes no user."""
-    first = nights(history)[0]
+    first, last = nights(history)[:2]
     (history / first.folder / "facts.sqlite").write_bytes(b"damaged")
+    (history / last.folder / "night.json").write_text("{")
     result = run(file, history)
+    assert any("Remove this file; the night stays a base." in note for note in result.notes)
     assert result.night.exit_status == 1
     (failed,) = read_json(result.report.parent / "night.json")["failed"]
     assert failed["sentence"].startswith("the accepted night cannot be compared with, so slow")

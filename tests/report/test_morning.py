@@ -455,6 +455,9 @@ def test_a_dead_mans_switch_knows_its_hours(evaluation, tmp_path):
     assert finished_within(tmp_path, "2d", late) == (
         True, f"The last finished night {TODAY} began 26.0 h ago, within 2d."
     )  # fmt: skip
+    before = datetime(2026, 1, 1, 2, tzinfo=UTC)  # after such a night the clock went back
+    recent, words = finished_within(tmp_path, "26h", before)
+    assert (recent, words.endswith("began 7872.0 h from now, more than 26h.")) == (False, True)
     for age in ("26", "h", "0h", "-1h", "999999d", "26 h"):
         with refusal("such as 26h"):
             finished_within(tmp_path, age)
