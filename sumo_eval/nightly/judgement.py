@@ -14,7 +14,7 @@ from sumo_eval.nightly.bases import Bases, find_bases, pin_of, pinned_by_itself
 from sumo_eval.nightly.gates import judge
 from sumo_eval.nightly.history import Accepted, History, Night, ShakyCase
 from sumo_eval.nightly.repeats import AGAIN, bad_again, keys_of, repeats_of, shaky_cases
-from sumo_eval.nightly.rule_limits import EVERYWHERE, judge_pairs, judge_rule
+from sumo_eval.nightly.rule_limits import EVERYWHERE, judge_pairs
 from sumo_eval.record.progress import Progress
 from sumo_eval.report.gate_result import MOST_NAMED, GateResult, LimitName, failed, in_order
 from sumo_eval.report.words import count
@@ -84,7 +84,7 @@ def judge_night(
         if comparison is bases.pinned:  # with the accepted night
             results = [
                 result._replace(against=comparison.base_folder.name)
-                for result in (*judge_rule(comparison, gate, counted), *results)
+                for result in (*judge(evaluation, comparison, gate, counted), *results)
             ]
         known = {result.name for result in failed(gates)}
         gates += [result for result in failed(results) if result.name not in known]

@@ -31,12 +31,20 @@ from sumo_eval.nightly.bases import (
 )
 from sumo_eval.nightly.gates import judge
 from sumo_eval.nightly.history import Accepted, GateLine, ShakyCase, open_history
-from sumo_eval.nightly.judgement import Judgement, Since, failing_since, judge_repeats, new_pin
+from sumo_eval.nightly.judgement import (
+    Judgement,
+    Since,
+    failing_since,
+    judge_night,
+    judge_repeats,
+    new_pin,
+)
 from sumo_eval.nightly.morning import _code, github_annotations, tell_github, write_night
 from sumo_eval.nightly.night import _prune, _refuse_without_history, _size
 from sumo_eval.nightly.repeats import _differences, bad_again, shaky_cases
 from sumo_eval.nightly.rule_limits import EVERYWHERE, judge_rule
 from sumo_eval.nightly.trend import write_trend
+from sumo_eval.record.progress import quiet
 from sumo_eval.report.gate_result import GateResult, failed, in_order
 from sumo_eval.report.junit import comparison_suites, write_junit
 from sumo_eval.scoring.comparison import compare
@@ -200,6 +208,20 @@ def test_a_drift_of_two_percent_is_found_by_night_ten(evaluation):
         fails(calm(evaluation, 0.9 * 0.98 ** (number - 1)), number) for number in range(1, 11)
     )
     assert [fails(pinned, number) for number in (5, 6, 10)] == [False, True, True]
+
+
+def test_a_limit_holds_against_the_accepted_night_too(evaluation, tmp_path, monkeypatch):
+    """4 cm a night pass a limit of 5 cm each time; beside the accepted night it is 8 cm."""
+    limit = LimitSettings("min_gap", ads=CALM, worse_by=0.05)
+    gate = replace(SETTINGS, limit=(limit,), noise=replace(SETTINGS.noise, cases=0))
+    tonight = calm(evaluation, 0.82)
+    good, accepted = (compare(calm(evaluation, gap), tonight, gate) for gap in (0.86, 0.9))
+    accepted = accepted._replace(base_folder=tmp_path / FIRST)
+    bases = Bases(night(SECOND), night(FIRST), good, accepted, (), unusable=False)
+    monkeypatch.setattr("sumo_eval.nightly.judgement.find_bases", lambda *_: bases)
+    with open_history(tmp_path, create=True) as lines:
+        gates = judge_night(tmp_path, lines, tonight, gate, quiet).gates
+    assert {(gate.quantity, gate.against) for gate in failed(gates)} == {("min_gap", FIRST)}
 
 
 def pin_after(history, comparison, noise=Noise()):  # noqa: B008 - frozen
