@@ -293,7 +293,7 @@ def test_peoples_opinion_beside_the_scores(runs, tmp_path):
     assert (tmp_path / "plot.html").stat().st_size > 1000
     alike = read_ratings(path).assign(score=5.0)
     assert compare_opinion(run, alike).concordance is None
-    with refusal("Unknown ADS `lane_changer` of scenario `front_vehicle_low_speed`"):
+    with refusal("Rating 2 of the file: Unknown ADS `lane_changer` of scenario `front_vehicle_low"):
         compare_opinion(replace(run, scores=run.scores[:1]), alike)
     path.write_text("rater,ads,scenario,score\nann,idm,front_vehicle_low_speed,11\n")
     cli_refuses("`score` in row 2 of", f"humans opinion {out} {path}")

@@ -87,7 +87,11 @@ def compare_opinion(evaluation: Evaluation, ratings: DataFrame) -> Opinion:
     """
     rows = []
     for (ads, scenario), group in ratings.groupby(["ads", "scenario"], sort=False):
-        score, values = evaluation.score(str(ads), str(scenario)), group["score"]
+        try:
+            score = evaluation.score(str(ads), str(scenario))
+        except InputError as error:
+            raise InputError(f"Rating {group.index[0] + 1} of the file: {error}") from error
+        values = group["score"]
         deviation = values.std() if values.size > 1 else 0.0
         scores = {name: getattr(score, field) for name, field in HIGHER_IS_BETTER.items()}
         # Only digits that the order of the ratings does not change: equal means must tie in rank.
