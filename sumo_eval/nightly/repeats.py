@@ -5,7 +5,8 @@ Users: `nightly/judgement.py`, `nightly/night.py`.
 """
 
 import shutil
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 
@@ -15,7 +16,8 @@ from sumo_eval.case_table import CaseTable
 from sumo_eval.cases import CaseResult
 from sumo_eval.evaluation import score
 from sumo_eval.nightly.history import ShakyCase
-from sumo_eval.record.cases import Case
+from sumo_eval.nightly.rule_limits import end_change
+from sumo_eval.record.cases import Case, Outcome
 from sumo_eval.record.engines import run_cases
 from sumo_eval.record.facts import record_facts, space_of
 from sumo_eval.record.progress import Progress
@@ -45,91 +47,122 @@ AGAIN = "again"  # folder in the history's folder in which cases are rerun; remo
 def repeats_of(
     evaluation: Evaluation, settings: GateSettings, folder: Path, progress: Progress
 ) -> dict[str, Repeats]:
-    """Drive a sample of each ADS's cases a second time. Return by ADS how many are equal to the
-    first drive and, if some are not, the noise floors.
+    """Drive a sample of each ADS's cases a second time, and compare with the first drives; by ADS.
 
     folder: for a copy of the run with the second drives, which is scored; removed afterwards.
     """
     if not settings.noise.cases:
         return {}
     plan = planner(evaluation.resolved)
-    sample = _sample(plan, settings.noise.cases)
-    # each case alone: in a batch the cases may share state of their ADS's module
+    # An ADS that carries state from case to case shall drive differently: the order is reversed,
+    # and each case is driven alone, because in a batch the cases may share state of its module.
+    sample = _sample(plan, settings.noise.cases)[::-1]
     alone = replace(plan.setup, run=replace(plan.setup.run, cases_per_pack=1))
     alike: dict[str, list[bool]] = {ads.name: [] for ads in evaluation.settings.ads}
+    different: list[Outcome] = []
     with open_store(evaluation.folder) as store:
         for number, outcome in enumerate(run_cases(sample, alone), 1):
-            alike[outcome.case.driver].append(not store.difference(outcome))
+            equal = not store.difference(outcome)
+            alike[outcome.case.driver].append(equal)
+            different += [] if equal else [outcome]
             progress("driving some cases twice", number, len(sample))
 
-    noisy = {ads for ads, equal in alike.items() if not all(equal)}
-    keys = {case.key for case in sample if case.driver in noisy}
-    rows = _rerun(evaluation, keys, folder)
+    rows = _rows_with(evaluation, different, folder) if different else {}
+    noisy = {outcome.case.driver for outcome in different}
+    twice = {case.key: rows[case.key] for case in sample if case.driver in noisy}
     return {
         ads: Repeats(
             len(equal),
             sum(equal),
-            *(_differences(evaluation, ads, rows, settings) if ads in noisy else ()),
+            *(_differences(evaluation, ads, twice, settings) if ads in noisy else ()),
         )
         for ads, equal in alike.items()
     }
 
 
 def _sample(plan: Planner, number: int) -> list[Case]:
-    """The cases of all ADSs at `number` points, drawn by the run's seed."""
+    """The cases of all ADSs at `number` points, drawn by the run's seed; at all points of the run
+    if it has fewer.
+    """
     spaces = [space_of(plan.run, index) for index in range(len(plan.run.scenarios))]
-    # a draw is the number of a point among those of all spaces in order
-    ends = np.cumsum([len(space.numbers) for space in spaces])
     stream = random_stream(plan.run.settings.seed, "driven twice")
-    drawn = stream.permutation(int(ends[-1]))[:number]
+    drawn = set(stream.permutation(sum(len(space.numbers) for space in spaces))[:number].tolist())
     cases: list[Case] = []
-    for space, end in zip(spaces, ends, strict=True):
-        first = end - len(space.numbers)
-        places = np.sort(drawn[(drawn >= first) & (drawn < end)] - first)
-        cases += plan.ads(
-            replace(space, numbers=[space.numbers[index] for index in places.tolist()])
-        )
-    # in reverse order, so that an ADS that carries state from case to case drives differently
-    return cases[::-1]
+    first = 0  # place of the space's first point among those of all spaces
+    for space in spaces:
+        numbers = [point for place, point in enumerate(space.numbers, first) if place in drawn]
+        cases += plan.ads(replace(space, numbers=numbers))
+        first += len(space.numbers)
+    return cases
+
+
+def _rows_with(
+    evaluation: Evaluation, outcomes: Sequence[Outcome], folder: Path
+) -> dict[str, CaseResult]:
+    """Rows of all cases by key, from a copy of a run in which these outcomes replace earlier
+    ones.
+    """
+    with _copy_without(evaluation, [outcome.case.key for outcome in outcomes], folder):
+        with open_store(folder, create=True) as store:
+            store.add(*outcomes)
+            store.seal()
+        return _rows(evaluation, folder)
 
 
 def _rerun(evaluation: Evaluation, cases: Collection[str], folder: Path) -> dict[str, CaseResult]:
-    """Rows of cases from a copy of a run in which they were rerun."""
+    """Rows of all cases by key, from a copy of a run in which some were rerun."""
     if not cases:
         return {}
+    with _copy_without(evaluation, cases, folder):
+        record_facts(evaluation.resolved, folder, resume=True)
+        return _rows(evaluation, folder)
+
+
+@contextmanager
+def _copy_without(evaluation: Evaluation, cases: Iterable[str], folder: Path) -> Iterator[None]:
+    """A copy of a run without some of its cases, in a folder that is removed afterwards."""
+    shutil.rmtree(folder, ignore_errors=True)
     try:
         shutil.copytree(evaluation.folder, folder)
         with open_store(folder, create=True) as store:
             store.unseal()
             store.remove(cases)
-        record_facts(evaluation.resolved, folder, resume=True)
-        return {
-            row.case: row
-            for row in score(folder, resolved=evaluation.resolved).cases
-            if row.case in cases
-        }
+        yield
     finally:
         shutil.rmtree(folder, ignore_errors=True)
+
+
+def _rows(evaluation: Evaluation, folder: Path) -> dict[str, CaseResult]:
+    """Rows of a copy of a run, by key of the case."""
+    return {row.case: row for row in score(folder, resolved=evaluation.resolved).cases}
 
 
 def _differences(
     evaluation: Evaluation, ads: str, rows: Mapping[str, CaseResult], settings: GateSettings
 ) -> tuple[dict[str, float], dict[str, CaseChange]]:
-    """`floors` and `apart` of an ADS's `Repeats`, of every quantity that the rule looks at.
+    """`floors` and `apart` of an ADS's `Repeats`, of everything that the rule looks at except
+    measured times, which differ in any two drives.
 
     rows: of the second drives, by case.
     """
     first = [row for row in evaluation.cases if row.ads == ads and row.case in rows]
-    once, twice = CaseTable.of(first), CaseTable.of([rows[row.case] for row in first])
-    floors = {"severity": severity_floor(Ends.of(once), Ends.of(twice), settings.noise)}
-    apart = dict[str, CaseChange]()
+    second = [rows[row.case] for row in first]
+    once, twice = CaseTable.of(first), CaseTable.of(second)
+    ends, ends_again = Ends.of(once), Ends.of(twice)
+    floors = {"severity": severity_floor(ends, ends_again, settings.noise)}
+    units = (evaluation.settings.method.collision.unit,) * 2
+    apart = {
+        first[k].case: end_change(first[k], second[k], units)
+        for k in np.flatnonzero(ends.differ(ends_again))
+    }
     for measure in settings.watched:
         name = measure.quantity
+        if name in TIMED:
+            continue
         before, after = (getattr(it, name).astype(np.float64) for it in (once, twice))
         floors[name] = floor_of(after - before, settings.noise)
         far = np.abs(after - before) > tolerance(before, measure)
-        # measured times differ in any two drives
-        for k in np.flatnonzero(far & (name not in TIMED)):
+        for k in np.flatnonzero(far):
             change = CaseChange.of(first[k], before[k], after[k], f" {name}")
             apart.setdefault(change.case, change)
     return floors, apart

@@ -1,7 +1,7 @@
 """Results of the nightly rule (`scoring/rule.py`): each of its three parts (outcome, near miss,
 shift) as limits that passed, failed, or could not be evaluated, with their cases.
 
-Users: `nightly/gates.py`, `nightly/judgement.py`.
+Users: `nightly/gates.py`, `nightly/judgement.py`, `nightly/repeats.py`.
 """
 
 import math

@@ -40,7 +40,7 @@ class Repeats(NamedTuple):
     cases: number of cases that were driven twice.
     alike: number of these that were equal to the last bit.
     floors: quantity -> least tolerance that covers the random variation.
-    apart: key of a case that differed by more than a tolerance -> its change.
+    apart: key of a case that ended differently, or differed by more than a tolerance -> its change.
     """
 
     cases: int
@@ -184,6 +184,10 @@ class Ends(NamedTuple):
         """Whether each case has any bad end, (n,)."""
         return np.asarray(np.any(self[:-1], axis=0))  # all fields but `severity`
 
+    def differ(self, other: Self) -> BoolArray:
+        """Whether each case has a bad end in one of two drives only, (n,)."""
+        return np.asarray(np.any(np.not_equal(self[:-1], other[:-1]), axis=0))
+
 
 def both_ends(part: AdsComparison) -> tuple[Ends, Ends]:
     """Ends of the paired cases in the base and in the new run."""
@@ -236,9 +240,11 @@ def severity_floor(once: Ends, twice: Ends, settings: NoiseSettings) -> float:
     once, twice: ends of the cases in the first and in the second drive.
 
     Only cases with a U above 0 in one of the drives count: the zeros of all other cases would hide
-    how much U varies.
+    how much U varies. Cases without an outcome in one of the drives have no U there.
     """
     harmed = (once.severity > 0.0) | (twice.severity > 0.0)
+    for ends in (once, twice):
+        harmed &= ~(ends.gave_up | ends.not_evaluated)
     return floor_of((twice.severity - once.severity)[harmed], settings)
 
 

@@ -24,10 +24,11 @@ from refusals import refusal
 from tables import in_campaign
 
 from cli.nights import evaluation, plant
-from sumo_eval import open_run
+from sumo_eval import evaluate, open_run
 from sumo_eval.errors import InputError, StoppedError
 from sumo_eval.nightly.history import HISTORY, open_history
 from sumo_eval.nightly.night import _clear_away, _prune, run_night
+from sumo_eval.nightly.repeats import repeats_of
 from sumo_eval.record.store import open_store
 from sumo_eval.scoring.gate_settings import GateSettings
 
@@ -596,6 +597,21 @@ def test_night_finds_what_an_ads_carries_from_case_to_case(tmp_path, pack, diffe
     module.write_text(ads.replace("-6.0", "-6.0 + 0.1 * self.number"))
     nights = [run_night(file, tmp_path / "history", GateSettings()) for _ in range(2)]
     assert f"mine drove {differ} of 3 cases differently" in " ".join(nights[1].notes)
+
+
+def test_failure_in_the_second_drive_alone_is_reported(tmp_path):
+    """The ADS fails once, in the second drive of a case: a third drive would hide it. Measured
+    times, which differ in any two drives, raise no tolerance."""
+    file = evaluation(tmp_path, "2")
+    replace_in(tmp_path / "my_ads.py", "raise Runtime", "FAULT.unlink()\n            raise Runtime")
+    night = evaluate(file, tmp_path / "night")
+    plant(tmp_path, "30, 0:raises")
+    repeats = repeats_of(night, GateSettings(), tmp_path / "again", lambda *_: None)["mine"]
+    assert (repeats.cases, repeats.alike, len(repeats.apart)) == (3, 2, 1)
+    ((key, change),) = repeats.apart.items()
+    assert night.case(key).values == {"ego_speed": 30.0, "lead_speed": 0.0}
+    assert change.words.startswith("ok -> ads_error; ")
+    assert "latency_relative" not in repeats.floors
 
 
 def test_a_noisy_ads_is_found_and_its_new_collision_rerun(tmp_path, monkeypatch):

@@ -100,6 +100,9 @@ def test_floor_of_u_is_that_of_cases_with_a_contact():
     assert severity_floor(once, once, NoiseSettings()) == 0.0
     for pair in ((once, free), (free, once)):
         assert severity_floor(*pair, NoiseSettings()) == pytest.approx(6.0)
+    crashed = free._replace(gave_up=~never)
+    for pair in ((once, crashed), (crashed, once)):
+        assert severity_floor(*pair, NoiseSettings()) == 0.0, "a crash has no U"
 
 
 def test_holm_rejects_in_steps_and_leaves_out_what_cannot_fail():
