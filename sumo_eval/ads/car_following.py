@@ -1,8 +1,8 @@
 """Following a vehicle: the Intelligent Driver Model (IDM), its enhanced form for dense traffic, and
-the ADS `idm`.
+the ADSs `idm` and `attentive`.
 
-Users: `ads/lane_changer.py`, `ads/overtaking.py`, `drivers/synthetic/driver.py`,
-`drivers/synthetic/population.py`.
+Users: `ads/__init__.py`, `ads/lane_changer.py`, `ads/overtaking.py`, `cosim/doors/controller.py`,
+`drivers/synthetic/driver.py`, `drivers/synthetic/population.py`.
 """
 
 from __future__ import annotations
@@ -197,7 +197,7 @@ def enhanced_idm_acceleration(
     `lead_braking`, m/s2, the constant-acceleration heuristic (CAH).
 
         i >= h: i
-        i < h:  (1 - c) i + c (h + b tanh((i - h) / b)), c = 0.99
+        i < h:  (1 - c) i + c (h + b tanh((i - h) / b)), c = `COOLNESS`
 
     The plain IDM brakes at its limit when it is suddenly close behind a lead of its own speed;
     people do not.
@@ -227,13 +227,14 @@ gap: bumper gap to it in this step, m.
 def follow(followed: Any, me: Any, lead: Any, desired_speed: float, idm: Any, step: float) -> float:
     """The enhanced IDM with a memory of the headway accepted behind a lead, m/s2.
 
-    Call it once in each step for each lead, with `followed.gap` set.
+    Each call lets the headway grow for one step. A rule that tries several decisions in a step sets
+    `followed.accepted` back before each (`lane_changer.wanted_at`).
 
     A follower with a lead closer than its own headway T accepts the shorter headway T' at first,
     and lets it grow back to T: dT'/dt = (T - T') / 25 s. Source: Schakel, Knoop, van Arem, Transp.
     Res. Rec. 2316 (2012), LMRS.
 
-    followed: memory of the lead, of `FOLLOWED`.
+    followed: memory of the lead, of `FOLLOWED`; its `gap` is set.
     """
     own, accepted, gap = idm.headway, followed.accepted, followed.gap
     if isnan(accepted):
@@ -254,10 +255,13 @@ def change_as_asked(
     The ego follows, by the IDM, the vehicle behind which it will be in the other lane. Until the
     change has begun it brakes for that vehicle only comfortably (b). It waits before the end of its
     lane.
+
+    path, way, others: as in `asked_change`.
     """
     changing = change_if_free(path, way, me, others, scenario)
     most = inf  # no limit yet
     lead, _ = beside(way, me, others, scenario)
+    # 0 until the change may begin, and without a vehicle ahead in the other lane
     gap = bumper_gap(me, others[lead]) if lead >= 0 and me.x >= way.begin else 0.0
     if gap > 0.0:  # a vehicle alongside leaves no gap to keep
         most = idm_acceleration(me.speed, desired_speed, gap, others[lead].along, idm)
@@ -276,10 +280,12 @@ PARAMETERS = fields("headway", "standstill_gap", "acceleration", "deceleration")
 
 @kernel
 def idm(ego: Any, others: Any, own: Any, watched: Any, others_then: Any, scenario: Any) -> None:
-    """Write acceleration and steering wheel angle of the ego, decided once a cycle: a vehicle that
-    enters the path becomes the lead at the next cycle.
+    """Write acceleration and steering wheel angle of the ego, decided once a cycle, the time
+    between two decisions: a vehicle that enters the path becomes the lead at the next cycle.
 
     The arguments are those of every rule (`cosim.compiled.each_row`).
+
+    scenario: two records; the step of the first is the simulation's, that of the second a cycle.
     """
     me = ego.seen
     if own.steps == 0:
@@ -323,7 +329,8 @@ def _decide(
     half = 0.5 * scenario.step
     gap = gap + (lead_speed - me.speed) * half - 0.5 * (braking + now) * half * half
     speed = max(me.speed + now * half, 0.0)
-    # a lead that brakes comes to stand; an oncoming one keeps coming
+    # A lead that brakes slows down to 0 at most. An oncoming one, whose speed is below 0, counts
+    # with its present speed if it speeds up.
     lead_speed = max(lead_speed - braking * half, min(lead_speed, 0.0))
     wanted = idm_acceleration(speed, own.desired_speed, gap, lead_speed, p)
     if way.asked:
@@ -339,10 +346,10 @@ class Idm(Compiled):
 
     Its desired speed is the one it starts with.
 
-    The default parameters lie between the motorway values of Treiber, Hennecke, Helbing (2000: T
-    1.6 s, a 0.73, b 1.67) and of Treiber, Kesting (2013: T 1.0 s, a 1.0, b 1.5) and those of
-    Kesting, Treiber, Helbing (2010: T 1.5 s, a 1.4, b 2.0). It brakes as hard as the formula asks,
-    up to the vehicle's brakes.
+    Its default T of 1.2 s lies between the motorway values of Treiber, Hennecke, Helbing (2000: T
+    1.6 s, a 0.73, b 1.67) and of Treiber, Kesting (2013: T 1.0 s, a 1.0, b 1.5). Its a of 1.5 and b
+    of 2.0 m/s2 are close to those of Kesting, Treiber, Helbing (2010: T 1.5 s, a 1.4, b 2.0). It
+    brakes as hard as the formula asks, up to the vehicle's brakes.
     """
 
     loop = each_row(idm)
