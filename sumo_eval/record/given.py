@@ -1,10 +1,10 @@
 """ADSs that a caller in Python gives as a class, a function or an object instead of a locator, for
 example from a notebook's cell.
 
-A class or a function at the top of a file gets a locator of this file; of a package, its import
-path, `package.module:Name`. Anything else (an object, a lambda, a nested class, all of a script or
-a cell) is pickled into the run folder by the user's own process, with the user's code that it
-needs. Child processes only read it there.
+A class or a function that a file holds gets a locator of this file; of a package, its import path,
+`package.module:Name`. Anything else (an object, a lambda, one defined in a function, all of a
+script or a cell) is pickled into the run folder by the user's own process, with the user's code
+that it needs. Child processes only read it there.
 
 Users: `record/facts.py`.
 """
@@ -62,12 +62,15 @@ def entry_of(ads: Any, run: Path, *, resume: bool) -> AdsSettings:
 
 def _place(ads: Any) -> str:
     """Locator, as `/path/my_ads.py:Name`, of a class or a function that its file holds under its
-    own name; else "".
+    own name, also within classes (`Outer.Inner`); else "".
     """
     module_name, name = ads.__module__, ads.__qualname__
     module = sys.modules.get(module_name)
     file = getattr(module, "__file__", None) if module_name != "__main__" else None
-    if not file or not file.endswith(".py") or getattr(module, name, None) is not ads:
+    held: Any = module
+    for part in name.split("."):
+        held = getattr(held, part, None)
+    if not file or not file.endswith(".py") or held is not ads:
         return ""
     if "." in module_name:  # in a package, whose relative imports fail in a file by itself
         return f"{module_name}:{name}"

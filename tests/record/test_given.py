@@ -161,7 +161,9 @@ def test_an_object_of_a_file_is_read_without_the_file(tmp_path, monkeypatch):
     monkeypatch.syspath_prepend(tmp_path)
     from mine_of_a_file import Mine
 
-    for ads in Mine.Inner, Mine.Inner().act:
+    place = f"{tmp_path}/mine_of_a_file.py:Mine.Inner"
+    assert entry_of(Mine.Inner, tmp_path / "run", resume=True).controller == place
+    for ads in Mine.Inner(), Mine.Inner().act:
         file = entry_of(ads, tmp_path / "run", resume=True).controller.removeprefix("given:")
         read = f"import pickle; print(pickle.load(open({file!r}, 'rb')))"
         assert "Inner" in subprocess.check_output([sys.executable, "-c", read], text=True)
