@@ -23,7 +23,14 @@ from sumo_eval.record.case_rows import Fact
 from sumo_eval.record.store import Store, open_store
 from sumo_eval.report.driving_words import driving_words
 from sumo_eval.report.notes import because, index_note_words, notes_sentence
-from sumo_eval.report.score_words import explain_s, explain_s_plus, not_computed, reason_without
+from sumo_eval.report.score_words import (
+    REASON_WITHOUT_T,
+    explain_s,
+    explain_s_plus,
+    missing_term,
+    not_computed,
+    reason_without,
+)
 from sumo_eval.report.words import MEASURES, STRUCK, count, end_reason, number, placed
 from sumo_eval.results import Evaluation
 from sumo_eval.scoring.drive_beside import index_of
@@ -133,10 +140,13 @@ def _collision(
     yield f"Eq. 17: the ideal vehicle {best}: {ratio} = {part.value:z.4f}{capped}"
     yield from _weight(case, zones)
     points = worth(findings.method.score)  # of S that C = 1 and D = 1 are worth
+    weight, total, alike = case.weight, part.total, ""
+    if not total:
+        weight, total, alike = 1.0, part.cases, ", r counts 1 as it is 0 in all"
     yield (
         f"Eq. 17: of 1 - C = {1.0 - (findings.score.c or 0.0):z.4f} this case took "
-        f"r (1 - {ratio}) / sum r = {number(case.weight, 4)} x {1.0 - part.value:z.4f} / "
-        f"{part.total:z.4f} = {part.takes:z.4f} ({count(part.cases, 'collision')}), "
+        f"r (1 - {ratio}) / sum r = {number(weight, 4)} x {1.0 - part.value:z.4f} / "
+        f"{total:z.4f} = {part.takes:z.4f} ({count(part.cases, 'collision')}{alike}), "
         f"{points.c * part.takes:z.2f} points of S"
     )
 
@@ -165,10 +175,9 @@ def _likeness(
     if case.zone != "safe":
         yield "Eqs. 11-13: the hazardous zone has no D_i"
         return
+    reason = reason_without("D", findings.score)
     if case.index is None:
-        # the scenario has no D, or this case alone has no D_i
-        why = not_computed(reason_without("D", findings.score)) or _without_likeness(case)
-        yield f"Eqs. 11-13: no D_i: {why}"
+        yield f"Eqs. 11-13: no D_i: {_without_likeness(case, not_computed(reason))}"
         return
     if store.is_discarded(case.case):
         product = " x ".join(number(getattr(case, field), 4) for field in FACTORS.values())
@@ -181,26 +190,33 @@ def _likeness(
     yield from _factors(index)
     if abs(index.value - case.index) > ROUNDING:
         yield f"WARNING: the score has D_i = {case.index:z.6f}, which this arithmetic does not give"
-    part = findings.part(case, findings.indexed, findings.cases.exposure, findings.cases.index)
-    whole = "exposure" if evaluation.exposure_known(case.scenario) else "the points"
-    points = worth(findings.method.score)
-    yield (
-        f"Eq. 13: share of {whole} p / sum p = {case.exposure:z.6g} / {part.total:z.6g} = "
-        f"{part.share:z.5f} ({count(part.cases, 'case')}); of D = {number(findings.score.d, 4)} "
-        f"this case gives {part.gives:z.5f} and took {part.takes:z.5f}, "
-        f"{points.d * part.takes:z.2f} points of S"
-    )
+    if reason:
+        yield f"Eq. 13: {missing_term('D', reason)}"
+    else:
+        part = findings.part(case, findings.indexed, findings.cases.exposure, findings.cases.index)
+        whole = "exposure" if evaluation.exposure_known(case.scenario) else "the points"
+        points = worth(findings.method.score)
+        yield (
+            f"Eq. 13: share of {whole} p / sum p = {case.exposure:z.6g} / {part.total:z.6g} = "
+            f"{part.share:z.5f} ({count(part.cases, 'case')}); of D = "
+            f"{number(findings.score.d, 4)} this case gives {part.gives:z.5f} and took {part.takes:z.5f}, "
+            f"{points.d * part.takes:z.2f} points of S"
+        )
     for note in index.notes:
         yield f"note: {notes_sentence([note])}"
 
 
-def _without_likeness(case: CaseResult) -> str:
-    """Why a safe case has neither D_i nor a part in H."""
+def _without_likeness(case: CaseResult, of_mean: str) -> str:
+    """Why a safe case has neither D_i nor a part in H.
+
+    of_mean: why the scenario has no D or H, which counts if the case has no reason of its own.
+    """
     if case.struck_from_behind:
         return STRUCK
     if case.unavoidable:
         return "the ideal vehicle collides here as well"
-    return index_note_words(case) or case.error or "fewer than two drivers to compare with"
+    own = index_note_words(case) or case.error
+    return own or of_mean or "fewer than two drivers to compare with"
 
 
 def _factors(index: AnthropomorphicIndex) -> Iterator[str]:
@@ -253,6 +269,7 @@ def _avoided(case: CaseResult, findings: Findings) -> Iterator[str]:
         )
     if case.gave_up:
         yield "A: the ADS gave the case up, which counts as doing nothing, U0, at least"
+    weight = f"r = {number(case.weight, 4)}" if findings.weighted else "1, as r is 0 in all cases"
     kind = "caused by the ADS" if case.caused else case.kind
     collision = f": the collision is {kind}" if case.collided else ""
     yield (
@@ -260,7 +277,7 @@ def _avoided(case: CaseResult, findings: Findings) -> Iterator[str]:
         f"U0 = {harm.nothing:z.3f}{unit}{collision}"
     )
     yield (
-        f"A: w = r = {number(case.weight, 4)}; w max(0, U - Ug) = {harm.lost:z.4f}, "
+        f"A: w = {weight}; w max(0, U - Ug) = {harm.lost:z.4f}, "
         f"w max(0, U0 - Ug) = {harm.at_stake:z.4f}; of 1 - A = {1.0 - score.avoided_share:z.4f} "
         f"this case took {harm.taken:z.4f}; A' = {number(score.avoidance_grade, 4)}"
         + (": below 0, S+ takes 0" if score.avoided_share < 0.0 else "")
@@ -273,15 +290,20 @@ def _task(case: CaseResult, findings: Findings) -> Iterator[str]:
         yield "T: the hazardous zone has no part in it"
         return
     if case.task_share is None:
-        yield "T: this case has no part in it: no reference is there without an incident"
+        no_reference = "no reference is there without an incident"
+        why = no_reference if case.counted else "it could not be evaluated"
+        yield f"T: this case has no part in it: {why}"
         return
     score = findings.score
+    if score.task_share is None:
+        yield f"T: t_i = {case.task_share:z.4f}; T is not computed: {REASON_WITHOUT_T}"
+        return
     beside = f"`{score.task_reference}` and the drivers" if score.task_reference else "the drivers"
     why = " for its incident" if case.incident or case.struck_from_behind else ""
     part = findings.part(case, findings.tasked, findings.cases.exposure, findings.cases.task_share)
     yield (
         f"T: t_i = {case.task_share:z.4f}{why}, mean over the way of min(1, time of the slowest of "
-        f"{beside} / own time); of 1 - T = {1.0 - (score.task_share or 0.0):z.4f} this case took "
+        f"{beside} / own time); of 1 - T = {1.0 - score.task_share:z.4f} this case took "
         f"{part.takes:z.4f} ({count(part.cases, 'case')})"
     )
 
@@ -292,7 +314,8 @@ def _human(case: CaseResult, findings: Findings) -> Iterator[str]:
         yield "H: the hazardous zone has no part in it"
         return
     if case.human_likeness is None:
-        yield f"H: this case has no part in it: {_without_likeness(case)}"
+        of_mean = not_computed(reason_without("H", findings.score))
+        yield f"H: this case has no part in it: {_without_likeness(case, of_mean)}"
         return
     if case.incident:
         yield "H: 0, an avoidable incident in a safe case"

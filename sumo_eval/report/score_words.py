@@ -16,7 +16,9 @@ from sumo_eval.trajectory import FloatArray
 
 REASON_WITHOUT_A = "no case could be evaluated"
 REASON_WITHOUT_C = "no case that tells how collisions are avoided could be evaluated"
-REASON_WITHOUT_T = "no safe case could be compared with a reference"
+REASON_WITHOUT_T = (
+    "no safe case could be compared with a reference, or those compared have exposure 0"
+)
 WITHOUT_REFERENCE_CAR = (
     "T compares with the drivers alone: this run was recorded without the reference car. "
     "`sumo-eval run --resume` adds it."

@@ -16,6 +16,7 @@ from sumo_eval.case_table import CaseTable, point_numbers
 from sumo_eval.cases import CaseResult
 from sumo_eval.frozen import frozen
 from sumo_eval.method.score_terms import (
+    Stakes,
     avoided_share_losses,
     excess,
     exposure_mean,
@@ -125,6 +126,14 @@ class Findings(NamedTuple):
         return case_terms(self.cases, self.method)
 
     @property
+    def weighted(self) -> bool:
+        """Whether a point with a part in A has r above 0. If none has, each weighs 1."""
+        terms = self.terms
+        return bool(
+            Stakes.of(terms.severity, terms.ideal, terms.unreacting, terms.weight).weight.any()
+        )
+
+    @property
     def beyond(self) -> FloatArray:
         """How much harder than the ideal vehicle the ADS hit in each case, max(0, U - Ug), (n,);
         nan where U or Ug is not known.
@@ -178,7 +187,8 @@ class Findings(NamedTuple):
         terms = self.terms
         is_case = self.cases.case == case.case
         u, ideal, nothing = terms.severity, terms.ideal, terms.unreacting
-        lost, at_stake = (terms.weight * excess(severity, ideal) for severity in (u, nothing))
+        weight = terms.weight if self.weighted else np.ones(len(u))
+        lost, at_stake = (weight * excess(severity, ideal) for severity in (u, nothing))
         columns = u, ideal, nothing, lost, at_stake, self.share_lost  # in the order of `Harm`
         return Harm(*(float(column[is_case][0]) for column in columns))
 

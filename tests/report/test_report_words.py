@@ -9,7 +9,7 @@ from typing import get_args
 import numpy as np
 import pytest
 from builders import CALM, CUT_OUT, HOSTILE
-from report_cases import findings, with_case, with_losses
+from report_cases import every, findings, pick, with_case, with_losses, with_scores
 from tables import values_of
 
 from sumo_eval.case_table import CaseTable
@@ -17,11 +17,12 @@ from sumo_eval.method.collision_avoidance import collision_avoidance_index
 from sumo_eval.method.index_terms import IndexNote, NoteKind
 from sumo_eval.nightly.rule_limits import end_change
 from sumo_eval.report import words
-from sumo_eval.report.explain import _zone
+from sumo_eval.report.explain import _zone, explain_case, known_case
 from sumo_eval.report.junit import _facts
 from sumo_eval.report.notes import index_notes, notes_sentence
 from sumo_eval.report.score_words import explain_c, explain_d, explain_s
 from sumo_eval.report.words import count, number, percent, sampling_words, severity_words
+from sumo_eval.results import NotComputed
 from sumo_eval.scenario import catalogue
 from sumo_eval.scoring.findings import Findings, unevaluated
 from sumo_eval.settings import CollisionSettings, SamplingSettings
@@ -78,6 +79,41 @@ def test_no_collision_is_said_as_such(evaluation):
     number = sum(row.evaluated for row in found.cases)
     sentence = f"calm did not collide in any of {number} evaluated cases, so C = 1."
     assert explain_c(found) == sentence
+
+
+def explained(evaluation, partitions, case):
+    return "\n".join(explain_case(evaluation, partitions, known_case(evaluation.folder, case.case)))
+
+
+def test_no_case_takes_from_a_score_that_is_not_computed(evaluation, partitions):
+    _, found = findings(evaluation, CALM, 1)
+    case = next(row for row in found.cases if row.index is not None)
+    assert "of D = 0." in explained(evaluation, partitions, case)
+    reason = NotComputed("collisions", 2)
+    without = with_scores(evaluation, d=None, d_reason=reason, task_share=None, s_plus=None)
+    text = explained(without, partitions, case)
+    assert "Eq. 13: D is not computed: 2 collisions in the safe zone. Its term counts 0" in text
+    assert "; T is not computed: no safe case" in text
+    assert not re.search("of D =|of 1 - T", text)
+
+
+def test_failed_case_is_explained_by_its_own_reason(evaluation, partitions):
+    _, found = findings(evaluation, CALM, 0)
+    case = next(row for row in found.cases if row.safe and row.status == "crashed")
+    without = with_scores(evaluation, d=None, d_reason=NotComputed("collisions", 2))
+    assert "no D_i: The process that ran the case died" in explained(without, partitions, case)
+    failed = with_case(without, case, status="sim_error", task_share=None)
+    text = explained(failed, partitions, case)
+    assert "T: this case has no part in it: it could not be evaluated" in text
+
+
+def test_shares_of_equal_weight_are_explained_as_such(evaluation, partitions):
+    case = pick(evaluation, collided=True)
+    without = every(evaluation, weight=0.0)
+    text = explained(without, partitions, case)
+    hits = without.cases_of(CALM, case.scenario).collided.sum()
+    assert f"sum r = 1.0000 x 0.6000 / {hits:.4f} = {0.6 / hits:.4f}" in text
+    assert "A: w = 1, as r is 0 in all cases; w max(0, U - Ug) = 6.0000" in text
 
 
 def test_d_names_the_factor_that_limits_it(evaluation):
