@@ -119,7 +119,7 @@ class Survey(NamedTuple):
 
 def as_driven(chosen: Sample, driven: FloatArray, *, whole: bool) -> Sample:
     """The sample of a run: the points that the settings choose now, if these were driven. If not
-    (a file of points has changed), the points that were driven.
+    (a file of points, or of the scenario, has changed), the points that were driven.
 
     chosen: the points that the settings choose now.
     driven: values of points 0 to n - 1, (n, k), nan where no case was driven.
@@ -137,7 +137,10 @@ def as_driven(chosen: Sample, driven: FloatArray, *, whole: bool) -> Sample:
     driven_sample = sample_of(
         np.where(is_driven[:, None], driven, driven[is_driven][0]), chosen.method
     )
-    return driven_sample if len(chosen.points) else replace(driven_sample, notes=chosen.notes)
+    if spare:
+        return driven_sample if len(chosen.points) else replace(driven_sample, notes=chosen.notes)
+    # `rounds` of an adaptive sample gives these by the number of a point, wherever the point lies
+    return replace(driven_sample, stands_for=chosen.stands_for, stratum=chosen.stratum)
 
 
 def survey(space: ScenarioRun, zones: ZonePartition, zones_key: bytes) -> Survey:

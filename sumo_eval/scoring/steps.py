@@ -215,7 +215,8 @@ def score_scenario(space: ScenarioRun, rows: KeptScoring) -> tuple[ZoneResult, S
     )
     described = describe_zones(space.logical, zones, points)
     sentences = [*described.notes, *_on_points(space, points, places)]
-    if space.entry.sampling.method == ADAPTIVE:
+    # without a stratum the points can no longer be chosen, which a sentence reports
+    if space.entry.sampling.method == ADAPTIVE and points.stratum is not None:
         state = standing(space.entry.sampling, points, scores, tables, places)
         sentences.append(state.sentence)
     return replace(described, notes=tuple(sentences)), list(zip(scores, intervals, strict=True))

@@ -19,6 +19,7 @@ from sumo_eval.record.run_folder import read_manifest, read_settings
 from sumo_eval.report.headline import headline
 from sumo_eval.scenario.catalogue import load
 from sumo_eval.scenario.resolved import Resolved
+from sumo_eval.scenario.shipped_files import scenario_files
 from sumo_eval.scoring.steps import Scoring
 from sumo_eval.settings import (
     DriverSettings,
@@ -109,6 +110,24 @@ def test_a_run_stopped_in_its_second_round_has_the_same_bytes(run, tmp_path):
     assert again.scores == run.scores
     assert len(read_manifest(again.folder)["resumed"]) == 1
     assert "resumed" not in read_manifest(run.folder)
+
+
+def test_rounds_of_edited_scenario_keep_their_cells(tmp_path):
+    """The number of a point gives its round and cell, whatever the file says now."""
+    file = tmp_path / "own.toml"
+    text = scenario_files()["front_vehicle_low_speed"].read_text()
+    file.write_text(text)
+    sampling = {"method": "adaptive", "count": 16, "round": 8, "aim": "boundary"}
+    settings = {**EVALUATION, "scenario": [{"use": str(file), "sampling": sampling}]}
+    done = sumo_eval.evaluate(settings, tmp_path / "run", engine="serial")
+    for rule, sentence in (
+        ("ego_speed - 5", "of the space."),
+        ("0.01", "choose no points any more"),
+    ):
+        file.write_text(text.replace('"lead_speed < ego_speed"', f'"lead_speed < {rule}"'))
+        again = sumo_eval.score(done.folder)
+        assert sentence in "\n".join(again.zones[0].notes)
+        assert again.score("careful", done.scores[0].scenario).cases == 16
 
 
 @pytest.mark.campaign
