@@ -31,7 +31,7 @@ from sumo_eval.record.store import open_store, vouch
 from sumo_eval.results import Evaluation
 from sumo_eval.scenario.resolved import Resolved
 from sumo_eval.scoring.kept_scores import KeptScoring
-from sumo_eval.settings import EvaluationSettings
+from sumo_eval.settings import EvaluationSettings, TaskSettings
 from sumo_eval.settings.config import with_changes
 from sumo_eval.settings.locators import load_object
 
@@ -41,7 +41,7 @@ if TYPE_CHECKING:
 
 
 _SCORING_SETTINGS = "method.", "report.", "run.workers", "run.incomplete"
-"""Beginnings of settings on which no recorded fact depends."""
+"""Beginnings of settings on which no recorded fact depends, but for `task_reference`."""
 
 
 def evaluate(
@@ -146,8 +146,9 @@ def score(
     already, they are read from there.
     """
     folder = Path(run)
-    settings = with_changes(run_folder.read_settings(folder), changes)
-    _refuse_changes_of_facts(changes)
+    recorded = run_folder.read_settings(folder)
+    settings = with_changes(recorded, changes)
+    _refuse_changes_of_facts(changes, recorded.method.task, settings.method.task)
     resolved = resolved or Resolved.of(settings, run_folder.source_of(folder))
     if changes:
         refuse_unknown_axes(resolved.scenarios, settings.report)
@@ -188,15 +189,26 @@ def score(
     )
 
 
-def _refuse_changes_of_facts(changes: Sequence[str]) -> None:
-    """Raise InputError for a changed setting on which recorded facts depend."""
-    for change in changes:
-        if not change.strip().startswith(_SCORING_SETTINGS):
-            raise InputError(
-                f"`{change.partition('=')[0]}` cannot be changed by scoring: the recorded facts "
-                "depend on it. Only `method`, `report`, `run.workers` and `run.incomplete` can; "
-                "run the evaluation again for the rest."
-            )
+def _refuse_changes_of_facts(
+    changes: Sequence[str], recorded: TaskSettings, changed: TaskSettings
+) -> None:
+    """Raise InputError for a changed setting on which recorded facts depend.
+
+    recorded, changed: `[method.task]` of the run, and with the changes.
+    """
+    names = [
+        change.partition("=")[0]
+        for change in changes
+        if not change.strip().startswith(_SCORING_SETTINGS)
+    ]
+    if recorded.task_reference != changed.task_reference:
+        names.append("method.task.task_reference")
+    if names:
+        raise InputError(
+            f"`{names[0]}` cannot be changed by scoring: the recorded facts depend on it. Only "
+            "`method` (except `task.task_reference`), `report`, `run.workers` and "
+            "`run.incomplete` can; run the evaluation again for the rest."
+        )
 
 
 def refuse_to_score(folder: Path) -> None:

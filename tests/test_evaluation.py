@@ -66,7 +66,15 @@ def test_no_case_is_lost(done):
             assert len({case.case for case in rows}) == len(rows)
 
 
-@pytest.mark.parametrize("change", ["simulation.step=0.1", "run.only=[]", "run.case_timeout=9"])
+@pytest.mark.parametrize(
+    "change",
+    [
+        "simulation.step=0.1",
+        "run.only=[]",
+        "run.case_timeout=9",
+        'method.task.task_reference="idm"',
+    ],
+)
 def test_scoring_refuses_changes_that_the_facts_depend_on(done, change):
     with refusal(f"`{change.partition('=')[0]}` cannot be changed by scoring"):
         sumo_eval.score(done.folder, [change])
