@@ -41,7 +41,7 @@ if TYPE_CHECKING:
 
 
 _SCORING_SETTINGS = "method.", "report.", "run.workers", "run.incomplete"
-"""Beginnings of settings on which no recorded fact depends, but for `task_reference`."""
+"""Beginnings of settings on which no recorded fact depends, except `task_reference`."""
 
 
 def evaluate(

@@ -199,8 +199,8 @@ def _likeness(
         yield (
             f"Eq. 13: share of {whole} p / sum p = {case.exposure:z.6g} / {part.total:z.6g} = "
             f"{part.share:z.5f} ({count(part.cases, 'case')}); of D = "
-            f"{number(findings.score.d, 4)} this case gives {part.gives:z.5f} and took {part.takes:z.5f}, "
-            f"{points.d * part.takes:z.2f} points of S"
+            f"{number(findings.score.d, 4)} this case gives {part.gives:z.5f} and took "
+            f"{part.takes:z.5f}, {points.d * part.takes:z.2f} points of S"
         )
     for note in index.notes:
         yield f"note: {notes_sentence([note])}"

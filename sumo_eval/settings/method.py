@@ -2,8 +2,8 @@
 
 `scoring/` reads them when it makes scores of recorded facts; `record/` drives `task_reference`.
 
-Users: `method/`, `record/`, `scoring/`, `settings/evaluation.py`, `extras/figures/of_scenes.py`,
-`extras/rates/importance.py`.
+Users: `evaluation.py`, `method/`, `record/`, `scoring/`, `settings/evaluation.py`,
+`extras/figures/of_scenes.py`, `extras/rates/importance.py`.
 """
 
 from typing import Annotated, Literal
