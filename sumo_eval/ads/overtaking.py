@@ -157,7 +157,8 @@ def overtake(
             _find_leads(memory, me, others, watched, scenario)
         # it will overtake but is not near enough yet: until then it does not follow
         elif (
-            pays
+            not emergency
+            and pays
             and not near
             and _left_is_free(memory, me, others, habits.duration, False, scenario)
         ):

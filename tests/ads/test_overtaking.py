@@ -126,6 +126,13 @@ def test_when_braking_will_not_do_it_evades_if_that_is_possible(habits):
     assert wanted < -9.0
 
 
+def test_in_danger_it_brakes_though_it_is_not_near_enough_to_overtake():
+    late = OvertakingHabits(inclined=True, onset_headway=0.5, onset_ttc=0.5, duration=8.0)
+    overtaking, wanted = decide(ahead(30.0, 0.0), speed=30.0, habits=late)
+    assert not overtaking.changing
+    assert wanted < -9.0
+
+
 @pytest.mark.parametrize(
     "x, y, speed, free",
     values_of("""
