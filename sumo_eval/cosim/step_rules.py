@@ -263,7 +263,7 @@ def _move_on_map(ego: Any, limits: Any, step: float, clips: Any) -> None:
     at = ego.map
     if ego.placed == MODEL:
         wanted, steering = ego.command.acceleration, ego.command.steering
-        if not math.isfinite(wanted + steering):
+        if not (math.isfinite(wanted) and math.isfinite(steering)):
             ego.reason = ADS_ERROR
         elif limits.dynamic > 0.0:
             move_dynamic(ego, at, wanted, steering, limits, step, clips)

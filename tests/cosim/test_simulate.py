@@ -381,6 +381,11 @@ def test_an_ads_that_takes_over_the_simulation_is_stopped_and_the_next_case_work
     assert half_second(nothing).end_reason == "time_limit"
 
 
+@pytest.mark.parametrize("value", [1e308, -1e308])
+def test_two_finite_numbers_are_a_command_though_their_sum_is_not(value):
+    assert half_second(lambda traci, ego, time: Command(value, value)).end_reason == "time_limit"
+
+
 @pytest.mark.parametrize(
     "call, sentence",
     [
