@@ -58,7 +58,7 @@ curvature: of the road at x and the offset y, 1/m, positive to the left.
 """
 _MAP = fields("x", "y", "heading")
 BODY = fields("x", "y", "heading", "speed", "length", "width", "across")
-_BEFORE = [*fields("x", "y", "heading", "speed", "across"), ("map", _MAP)]
+_BEFORE = [*fields("x", "y", "heading", "speed", "across"), ("map", _MAP), *fields("acceleration")]
 _NEXT = fields("x", "y", "heading", "speed", "acceleration", "steering")
 
 _WAY = [*fields("start", "offset", "begin", "length", "by"), *flags("asked", "ends")]
@@ -80,7 +80,8 @@ def numbers_of(records: Records) -> FloatArray:
 
 EGO = np.dtype(
     [
-        *BODY, *fields("acceleration", "steering"), ("before", _BEFORE), ("next", _NEXT),
+        *BODY, *fields("acceleration", "steering"), ("before", [*_BEFORE, *fields("steering")]),
+        ("next", _NEXT),
         ("command", fields("acceleration", "steering")), ("seen", MOVER),
         *fields("time", "stood", "share", "scripted_until", "front_x", "front_y"),
         *flags("live", "placed", "stale", "reason", "struck", "settled", "samples", "begun"),

@@ -105,7 +105,7 @@ def put_on_map(body: Any, line: Any) -> float:
 def _restate(to: Any, source: Any) -> None:
     """Copy a vehicle's motion: from now to before the step, or back."""
     to.x, to.y, to.heading = source.x, source.y, source.heading
-    to.speed, to.across = source.speed, source.across
+    to.speed, to.across, to.acceleration = source.speed, source.across, source.acceleration
     to.map.x, to.map.y, to.map.heading = source.map.x, source.map.y, source.map.heading
 
 
@@ -196,6 +196,7 @@ def stop_rows(egos: Records, others: Records, samples: FloatArray, back: int) ->
     ego, actors = egos[0], others[0]
     if back:
         _restate(ego, ego.before)
+        ego.steering = ego.before.steering
         for j in range(len(actors)):
             _restate(actors[j], actors[j].before)
     _sample_row(ego, actors, samples[0])
@@ -237,6 +238,7 @@ def _move_egos(
         if ego.live == 0 or ego.reason != 0:
             continue
         _restate(ego.before, ego)
+        ego.before.steering = ego.steering
         _move_on_map(ego, scenario[first_of(scenario, i)].vehicle, step, clips[i])
         if ego.reason != 0:
             continue

@@ -381,6 +381,19 @@ def test_an_ads_that_takes_over_the_simulation_is_stopped_and_the_next_case_work
     assert half_second(nothing).end_reason == "time_limit"
 
 
+def test_last_sample_of_a_discarded_step_is_of_one_instant():
+    def ads(traci, ego, time):
+        if time < 0.149:
+            return Command(0.0)
+        traci.vehicle.remove(ego)
+        return Command(-5.0, 1.0)
+
+    found = simulate(case(lead(50.0, 10.0, 0.0, brake_to_stop(0.16, 4.0))), ads)
+    assert_last(found, time=0.15, x=53.0, speed=20.0, acceleration=0.0, steering_wheel_angle=0.0)
+    last = found.actors["lead"]
+    assert (last.time[-1], last.speed[-1], last.acceleration[-1]) == (found.ego.time[-1], 10.0, 0.0)
+
+
 @pytest.mark.parametrize("value", [1e308, -1e308])
 def test_two_finite_numbers_are_a_command_though_their_sum_is_not(value):
     assert half_second(lambda traci, ego, time: Command(value, value)).end_reason == "time_limit"
