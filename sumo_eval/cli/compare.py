@@ -220,8 +220,8 @@ def accept(history: Path, run: str | None, reason: str, until: datetime | None) 
 @path_option("--import", "runs", multiple=True, help="First add an older run; may be repeated.")
 @trusting
 def trend(history: Path, runs: tuple[Path, ...]) -> None:
-    """Write HISTORY/trend.html: S, C, D, risk and run time of every ADS over the nights, with the
-    gates.
+    """Write HISTORY/trend.html: collisions, scores and run time of every ADS over the nights, with
+    the gates.
     """
     from sumo_eval.nightly.history import open_history
     from sumo_eval.nightly.night import import_run

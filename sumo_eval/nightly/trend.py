@@ -19,6 +19,7 @@ TREND = "trend.html"
 CHARTS = (
     ("collisions", "Collisions", "cases"),
     ("avoidable_collisions", "Avoidable collisions", "cases"),
+    ("unavoidable_collisions", "Unavoidable collisions", "cases"),
     ("caused_collisions", "Collisions that the ADS caused", "cases"),
     ("departures", "Left the road", "cases"),
     ("gave_up", "Gave up", "cases"),
@@ -37,7 +38,7 @@ CHARTS = (
     ("not_evaluated", "Not evaluated", "cases"),
     ("run_time", "Run time of the cases", "s"),
 )
-"""The charts in order: quantity of the history, title, unit."""
+"""The charts in order, one for each quantity of the history: quantity, title, unit."""
 # of ADSs, as variables of the page's style
 COLOURS = "var(--c)", "var(--actor)", "var(--d)", "var(--off)", "var(--muted)", "var(--bad)"
 # 6 colours and 5 dashes repeat independently: the first 30 ADSs look different
@@ -97,7 +98,9 @@ def write_trend(folder: Path, database: History) -> Path:
     """Write `trend.html` beside the history and return its path."""
     nights, values, gates = database.nights(), database.values(), database.gates()
     scenarios = dict.fromkeys(value.scenario for value in values)
-    # nights whose report is still there: the folder of an old one may have been removed
+    # Nights whose report is still there: the folder of an old one may have been removed. An
+    # imported night is a run anywhere on this machine: its link would break in a copy of the
+    # history.
     reports = {
         night.night: f"{night.folder}/{REPORT}"
         for night in nights
@@ -137,7 +140,11 @@ def failed_nights(nights: Sequence[Night]) -> list[Json]:
 def charts(
     scenario: str, nights: Sequence[Night], values: Sequence[Value], gates: Sequence[GateLine]
 ) -> list[TrendChart]:
-    """The charts of one logical scenario; a quantity that was never computed has none."""
+    """The charts of one logical scenario; a quantity that was never computed has none.
+
+    Unavoidable collisions have one only with a gate: they are the collisions of two other charts,
+    all less avoidable ones.
+    """
     of_scenario = [value for value in values if value.scenario == scenario]
     names = list(dict.fromkeys(value.ads for value in of_scenario))
     drawn = []
@@ -147,8 +154,8 @@ def charts(
             for value in of_scenario
             if value.quantity == quantity and value.value is not None
         }
-        # The regret has two charts, one for each unit, but its gates have one name: a gate is
-        # drawn on the chart that has a value in the gate's night.
+        # The regret has two charts, one in m/s and one of losses without unit. Its gates have one
+        # name for both: a gate is drawn on the chart that has a value in the gate's night.
         gated = "regret" if quantity == REGRET_OF_LOSSES else quantity
         nights_of_chart = {night for night, _ in series}
         limits = [
@@ -158,7 +165,7 @@ def charts(
             and gate.threshold is not None
             and (gated != "regret" or gate.night in nights_of_chart)
         ]
-        if series:
+        if series and (limits or quantity != "unavoidable_collisions"):
             drawn.append(_chart(title, unit, names, nights, series, limits))
     return drawn
 
@@ -245,7 +252,7 @@ def _chart(
 def _dates(nights: Sequence[Night]) -> tuple[tuple[float, str], ...]:
     """x and label of at most `MOST_LABELS` nights: every n-th one back from the last.
 
-    A label is the day; where two nights began on one day, it is month, day and time.
+    Labels are days; if any two nights began on one day, all are month, day and time.
     """
     every = math.ceil(len(nights) / MOST_LABELS) or 1
     repeated = len({night.night[:10] for night in nights}) < len(nights)

@@ -15,6 +15,7 @@ from tables import values_of
 
 from sumo_eval.nightly.history import HISTORY, REGRET_OF_LOSSES, open_history
 from sumo_eval.nightly.trend import (
+    CHARTS,
     HEIGHT,
     TOP,
     WIDTH,
@@ -128,6 +129,23 @@ def test_a_history_of_earlier_nights_without_the_newer_quantities_still_reads(hi
     assert [len(part) for part in found["Score S of the paper"].lines[0].parts] == [3]
     only = [value for value in older if value.quantity in known]
     assert "Avoided share A" not in {chart.title for chart in charts(LOW_SPEED, nights, only, [])}
+
+
+def test_each_quantity_of_the_history_has_a_chart(history):
+    with open_history(history) as lines:
+        kept = {value.quantity for value in lines.values()}
+    charted = {quantity for quantity, _, _ in CHARTS}
+    assert kept | {REGRET_OF_LOSSES} == charted
+
+
+def test_unavoidable_collisions_have_a_chart_where_a_gate_limits_them(history):
+    with open_history(history) as lines:
+        nights, values, gates = lines.nights(), lines.values(), lines.gates()
+    of_them = [gate._replace(quantity="unavoidable_collisions") for gate in gates]
+    without, drawn = (charts(LOW_SPEED, nights, values, it) for it in (gates, of_them))
+    title = "Unavoidable collisions"
+    assert title not in {chart.title for chart in without}
+    assert [len(chart.gates) for chart in drawn if chart.title == title] == [len(nights)]
 
 
 def test_regrets_of_two_units_have_a_chart_each(history, evaluation):
