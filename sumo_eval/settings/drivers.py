@@ -14,9 +14,10 @@ from sumo_eval.settings.checked import Checked, PositiveFloat, Share, optional, 
 
 @frozen
 class PopulationSettings(Checked):
-    """How synthetic drivers differ from those drawn of the fitted distributions.
+    """Changes to the synthetic drivers, which are drawn from distributions.
 
-    The defaults are fitted to recorded drivers (docs/explanation/drivers.md).
+    The distributions and these defaults are fitted to recorded drivers
+    (docs/explanation/drivers.md).
     """
 
     overtake_share: Share = setting(0.771, "share who overtake a slower lead vehicle")
@@ -27,8 +28,8 @@ class PopulationSettings(Checked):
     lane_change_scale: PositiveFloat = setting(1.1, "factor on the duration of all lane changes")
     onset: Literal["recorded", "limits"] = setting(
         "recorded",
-        "headway and TTC that drivers pass at: `recorded`, as measured, or `limits`, fitted so "
-        "that their drives begin to pass where recorded ones do",
+        "headway and TTC at which drivers begin to pass: `recorded`, as measured, or `limits`, "
+        "fitted so that synthetic drivers do so where recorded ones do",
     )
 
 
@@ -37,7 +38,7 @@ class DriverSettings(Checked):
     """The skilled human drivers that D compares with."""
 
     count: Annotated[int, Ge(2), Le(10_000)] = setting(
-        10, "number of drivers in each concrete scenario"
+        10, "number of synthetic drivers at each safe point of a scenario that they can drive"
     )
     population: PopulationSettings = PopulationSettings()
     source: str = setting(
@@ -60,9 +61,11 @@ class DriverSettings(Checked):
     )
     too_thin: Literal["fill", "leave_out"] = setting(
         "fill",
-        "a reference that is too thin is filled from the synthetic population, or its case "
-        "gets no D_i",
+        "a reference that is too thin is filled from the synthetic population where that can "
+        "drive the scenario, or its case gets no D_i",
     )
     coverage: Annotated[PositiveFloat, Le(1.0)] = setting(
-        0.8, "share of the road that a recorded drive must cover to be compared with"
+        0.8,
+        "share of the road that a recorded drive must cover to be compared with, unless it ends "
+        "at standstill or was recorded in a named case",
     )
