@@ -7,6 +7,7 @@ import pytest
 from road_scenes import (
     ROAD,
     actor,
+    at_values,
     case,
     clear_drive,
     drawn_cases,
@@ -49,6 +50,19 @@ def test_it_does_not_cross_the_line_of_an_exit(exit_from, changes):
     road = replace(ROAD, spans=(LaneSpan(0, parted_from=exit_from),))
     concrete = replace(case(actor("lead", 60.0, 10.0), speed=25.0), road=road)
     assert (simulate(concrete, "lane_changer").ego.y[-1] > 1.75) == changes
+
+
+@pytest.mark.parametrize("speed, headway, lead_braking", [(7.5, 0.5, 9.81), (15.0, 2.0, 3.81)])
+def test_it_does_not_creep_once_it_stands(speed, headway, lead_braking):
+    ego = simulate(
+        at_values(
+            "front_vehicle_braking",
+            ego_speed=speed, headway=headway, lead_deceleration=lead_braking,
+        ),
+        "lane_changer",
+    ).ego  # fmt: skip
+    assert ego.speed[-1] == 0.0
+    assert np.diff(ego.speed[ego.speed < 0.05]).max() <= 0.0
 
 
 def test_it_does_not_react_to_the_lead_that_leaves_its_lane():
