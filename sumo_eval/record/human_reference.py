@@ -223,11 +223,11 @@ def _compute_chunk(
         return {
             name: encoded(record)
             for job, names in jobs
-            for name, record in _compute(job, names, store, settings)
+            for name, record in compute_point(job, names, store, settings)
         }
 
 
-def _compute(
+def compute_point(
     job: PointJob, names: Sequence[Name], store: Store, settings: AnthropomorphicSettings
 ) -> Iterator[tuple[Name, object]]:
     """Each of the names with its result."""

@@ -33,7 +33,7 @@ from sumo_eval.report.score_words import (
 )
 from sumo_eval.report.words import MEASURES, STRUCK, count, end_reason, number, placed
 from sumo_eval.results import Evaluation
-from sumo_eval.scoring.drive_beside import index_of
+from sumo_eval.scoring.drive_beside import index_again
 from sumo_eval.scoring.findings import FACTORS, LIKENESS_FACTORS, Findings
 from sumo_eval.scoring.zones import star_distance
 from sumo_eval.text import point_words
@@ -186,7 +186,7 @@ def _likeness(
             "(`[run] keep`)"
         )
         return
-    index = index_of(evaluation, fact, zones.logical.road, store)
+    index = index_again(evaluation, fact, zones.logical.road, store)
     yield from _factors(index)
     if abs(index.value - case.index) > ROUNDING:
         yield f"WARNING: the score has D_i = {case.index:z.6f}, which this arithmetic does not give"

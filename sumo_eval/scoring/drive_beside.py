@@ -8,7 +8,6 @@ Users: `report/`.
 
 from bisect import bisect_left
 from collections.abc import Iterator, Sequence
-from contextlib import closing
 from typing import Literal, NamedTuple, Self
 
 import numpy as np
@@ -20,8 +19,7 @@ from sumo_eval.method.driving_task import asked_way, clean_references, misses, t
 from sumo_eval.method.measures import STANDING, course_of
 from sumo_eval.method.plausibility import Quantiles, extremes_of, least_plausible
 from sumo_eval.record.case_rows import Fact
-from sumo_eval.record.human_reference import PointJob, compute_points
-from sumo_eval.record.kept_results import KeptResults
+from sumo_eval.record.human_reference import PointJob, compute_point
 from sumo_eval.record.store import EGO, Store
 from sumo_eval.results import Evaluation
 from sumo_eval.scenario.concrete import Road
@@ -73,16 +71,18 @@ class CaseDrives(NamedTuple):
         return cls(case, vehicles.pop(EGO), vehicles, road, humans, references)
 
 
-def index_of(evaluation: Evaluation, fact: Fact, road: Road, store: Store) -> AnthropomorphicIndex:
-    """D_i of one case with all its terms, compared with the drivers at its point: kept in the run's
-    cache by scoring, or else computed.
+def index_again(
+    evaluation: Evaluation, fact: Fact, road: Road, store: Store
+) -> AnthropomorphicIndex:
+    """D_i of one case, computed again from the trajectories of the case and of the drivers at its
+    point, and not taken from the cache.
     """
     drives = store.driven_at(fact.scenario, fact.point, "human")
     job = PointJob(tuple(fact.case for fact in drives), road, (fact.case,))
     settings = evaluation.settings.method.anthropomorphic
-    with closing(KeptResults(evaluation.folder)) as cache:
-        results = compute_points(store.path.parent, [job], settings, map, lambda done: None, cache)
-    return results.indexes[fact.case]
+    ((_, index),) = compute_point(job, job.names, store, settings)
+    assert isinstance(index, AnthropomorphicIndex), "the job asks for D_i alone"
+    return index
 
 
 class ObservedBraking(NamedTuple):

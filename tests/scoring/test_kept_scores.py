@@ -199,6 +199,24 @@ def test_a_run_without_its_trajectories_keeps_its_scores(done, copy, monkeypatch
     assert sumo_eval.score(copy, ["method.score.k5=0.5"]).scores[0].d == done.scores[0].d
 
 
+def test_explain_computes_d_i_again_and_warns_of_another_in_the_score(done, monkeypatch):
+    """What is kept would be compared with itself."""
+    case = next(case for case in done.cases if case.index is not None)
+    zones, fact = zone_partitions(done), known_case(done.folder, case.case)
+    real, computed = human_reference.indexes_by_group, []
+
+    def indexes_by_group(*arguments):
+        computed.append(arguments)
+        return real(*arguments)
+
+    monkeypatch.setattr(human_reference, "indexes_by_group", indexes_by_group)
+    assert "WARNING" not in "".join(explain_case(done, zones, fact))
+    assert len(computed) == 1
+    other = [replace(it, index=0.1) if it.case == case.case else it for it in done.cases]
+    lines = explain_case(replace(done, cases=other), zones, fact)
+    assert any("the score has D_i = 0.100000, which this arithm" in line for line in lines)
+
+
 def test_critical_points_are_collisions_flips_and_the_least_human(done, monkeypatch):
     monkeypatch.setattr(critical, "LEAST_HUMAN", 1)
     logical = catalogue.load("front_vehicle_low_speed")
