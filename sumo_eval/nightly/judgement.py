@@ -156,8 +156,12 @@ def new_pin(
         return pinned_by_itself(night.night, "the first good night", None)
     # with the accepted night, which is also the last good one if `pinned` is None
     comparison = judgement.bases.pinned or judgement.bases.comparison
+    accepted = judgement.bases.accepted
     if (
         comparison is None
+        # a user accepted another night meanwhile, or the acceptance expired
+        or accepted is None
+        or accepted.night != pin.night
         or any(repeats.noisy for repeats in judgement.noise.repeats.values())
         or comparison.unpaired
         or not only_improved(comparison, gate)

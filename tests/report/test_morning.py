@@ -226,7 +226,7 @@ def test_a_limit_holds_against_the_accepted_night_too(evaluation, tmp_path, monk
 
 def pin_after(history, comparison, noise=Noise()):  # noqa: B008 - frozen
     """The night that is pinned after one that is compared so."""
-    bases = Bases(None, None, comparison, None, (), unusable=False)
+    bases = Bases(None, night(FIRST), comparison, None, (), unusable=False)
     with open_history(history, create=True) as lines:
         line = night(SECOND)
         pin = new_pin(line, Judgement(bases, (), noise, frozenset(), {}), lines, SETTINGS)
@@ -306,6 +306,9 @@ def test_only_a_better_night_moves_the_pin(evaluation, tmp_path):
     assert pin_after(tmp_path, same) == ""
     assert pin_after(tmp_path, compare(base, nearer(base, 0.89), SETTINGS)) == ""
     assert pin_after(tmp_path, better, Noise({CALM: Repeats(30, 29)})) == "", "it would ratchet"
+    add(tmp_path, SECOND, evaluation)
+    accept(tmp_path, SECOND, "while the night ran", None)
+    assert pin_after(tmp_path, better) == "", "it would replace the user's choice"
 
 
 def test_an_acceptance_of_yesterday_counts_no_more(evaluation, tmp_path):
