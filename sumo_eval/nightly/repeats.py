@@ -14,6 +14,7 @@ import numpy as np
 
 from sumo_eval.case_table import CaseTable
 from sumo_eval.cases import CaseResult
+from sumo_eval.errors import StoppedError
 from sumo_eval.evaluation import score
 from sumo_eval.nightly.history import ShakyCase
 from sumo_eval.nightly.rule_limits import end_change
@@ -128,6 +129,8 @@ def _copy_without(evaluation: Evaluation, cases: Iterable[str], folder: Path) ->
             store.unseal()
             store.remove(cases)
         yield
+    except StoppedError:  # its text names the copy
+        raise KeyboardInterrupt from None
     finally:
         shutil.rmtree(folder, ignore_errors=True)
 

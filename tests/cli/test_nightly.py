@@ -629,10 +629,17 @@ def test_a_noisy_ads_is_found_and_its_new_collision_rerun(tmp_path, monkeypatch)
     def stop(*_, **__):
         raise KeyboardInterrupt
 
+    def stop_rerun(_, folder, **__):
+        raise StoppedError(f"Stopped. 15 drives are recorded in {folder}.")
+
+    with monkeypatch.context() as patched:
+        patched.setattr("sumo_eval.nightly.repeats.record_facts", stop_rerun)
+        with pytest.raises(StoppedError, match=r"^Stopped. The same command with --resume"):
+            run(file, history)
     with monkeypatch.context() as patched:
         patched.setattr("sumo_eval.nightly.night.write_assessed_report", stop)
         with pytest.raises(StoppedError):
-            run(file, history)
+            run(file, history, resume=True)
     result = run(file, history, resume=True)
     told = read_json(result.report.parent / "night.json")
     assert told["verdict"] == "worse"
