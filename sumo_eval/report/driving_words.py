@@ -123,12 +123,12 @@ def task_words(scene: CaseDrives, logical: LogicalScenario, margin: float) -> _R
     references = (delay.drivers, count(delay.drivers, "driver")), (delay.car, "the reference car")
     names = " and ".join(words for number, words in references if number)
     way, time = f"{delay.way:z.0f} m", f"{delay.time:z.1f} s"
-    short = f"{way} of {delay.target:z.0f} m, from {time} on; {names} drove on."
+    short = f"{way} of {delay.asked:z.0f} m, from {time} on; {names} drove on."
     words = {
         "missed": f"Missed the lane change that was due after {way}.",
         "stood": f"Stood after {short}",
         "short": f"Came no further than {short}",
-        "late": f"Needed {time} for {way}; the slowest of {names} needed {delay.target:z.1f} s.",
+        "late": f"Needed {time} for {way}; the slowest of {names} needed {delay.slowest:z.1f} s.",
     }
     yield words[delay.what], delay.time
 

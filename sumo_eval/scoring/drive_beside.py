@@ -6,8 +6,10 @@ here.
 Users: `report/`.
 """
 
+import math
 from bisect import bisect_left
 from collections.abc import Iterator, Sequence
+from functools import partial
 from typing import Literal, NamedTuple, Self
 
 import numpy as np
@@ -33,7 +35,7 @@ BRAKES = -1.0
 SIDEWAYS = 0.5
 """m; a vehicle this far from its first y counts as moved sideways."""
 HALF_WINDOWS = {
-    "max_deceleration": 0.5, "max_jerk": 1.0, "max_unrest": 1.0, "max_lateral_speed": 0.5,
+    "max_deceleration": 0.5, "max_jerk": 1.0, "max_unrest": 1.3, "max_lateral_speed": 0.5,
     "max_lateral_acceleration": 1.0
 }  # fmt: skip
 """Extreme -> half of the time window over which it is measured, s; 0 for other extremes."""
@@ -89,7 +91,7 @@ class ObservedBraking(NamedTuple):
     """The braking of an ego.
 
     first: time at which it began, s since the start.
-    hardest: strongest deceleration, m/s2.
+    hardest: strongest deceleration, m/s2; 0 if the ego only kept its speed or sped up.
     """
 
     first: float
@@ -111,7 +113,7 @@ def braking_before(
     if commanded is None and not len(braking_times):
         return None
     first = braking_times[0] if commanded is None else commanded
-    return ObservedBraking(float(first), -float(acceleration.min()))
+    return ObservedBraking(float(first), max(0.0, -float(acceleration.min())))
 
 
 class Behind(NamedTuple):
@@ -121,23 +123,24 @@ class Behind(NamedTuple):
         `short`: the ego came no further. `late`: the ego was late there.
     way: distance of the place from the ego's start, m.
     time: when the ego was there, s since its start.
-    target: of `stood` and `short` the length of the asked way, m; of `late` the time of the slowest
-        reference at the place, s; nan for `missed`.
+    asked: length of the asked way, m.
     drivers: number of drivers among the references.
     car: whether the reference car is one of the references.
+    slowest: time of the slowest reference at the place, s; nan unless `late`.
     """
 
     what: Literal["missed", "stood", "short", "late"]
     way: float
     time: float
-    target: float
+    asked: float
     drivers: int
     car: bool
+    slowest: float = math.nan
 
 
 def behind(scene: CaseDrives, logical: LogicalScenario, margin: float) -> Behind | None:
-    """Place at which a drive fell furthest behind the slowest reference; None if its t_i is at
-    least `LOW`, if the case has an incident, or if the asked way has no place.
+    """Place at which a drive fell furthest behind the slowest reference; None if its t_i is unknown
+    or at least `LOW`, if the case has an incident, or if the asked way has no place.
 
     scene: the drive with its references.
     margin: `road_margin`, m; a drive that departs from the road does not count as a reference.
@@ -156,24 +159,19 @@ def behind(scene: CaseDrives, logical: LogicalScenario, margin: float) -> Behind
     if not places.size:
         return None
     drivers = sum(trajectory in scene.drivers for trajectory in clean)
-    references = drivers, len(clean) > drivers  # the last two fields of `Behind`
+    length = float(places[-1]) - start.x
+    make = partial(Behind, asked=length, drivers=drivers, car=len(clean) > drivers)
     if start.way is not None and misses(ego, start.way):
-        when = float(times_at(ego, np.array([start.way.by]))[0])
-        return Behind("missed", start.way.by - start.x, when, np.nan, *references)
+        (when,) = times_at(ego, np.array([start.way.by])).tolist()
+        return make("missed", start.way.by - start.x, when)
     own = times_at(ego, places)
     if np.isinf(own[-1]):  # the ego never reached the last place
         last = int(np.argmax(ego.x))
         way, when = max(float(ego.x[last]) - start.x, 0.0), float(ego.time[last] - ego.time[0])
-        return Behind(
-            "stood" if ego.speed[-1] < STANDING else "short",
-            way,
-            when,
-            float(places[-1]) - start.x,
-            *references,
-        )
+        return make("stood" if ego.speed[-1] < STANDING else "short", way, when)
     worst = int(np.argmax(own - slowest))
-    way, when, target = (float(part[worst]) for part in (places - start.x, own, slowest))
-    return Behind("late", way, when, target, *references)
+    way, when = float(places[worst]) - start.x, float(own[worst])
+    return make("late", way, when, slowest=float(slowest[worst]))
 
 
 class Event(NamedTuple):
@@ -231,6 +229,7 @@ def _reached(scene: CaseDrives, name: str, value: float) -> float:
         finds the least number.
         """
         part = course_of(first_samples(ego, samples), scene.actors, None, scene.road)
+        # sums over fewer samples differ in the last digits
         return bool(np.isclose(extremes_of(part)[name], value, rtol=1e-6))
 
     least = bisect_left(range(len(ego.time)), True, lo=1, key=has)

@@ -11,11 +11,12 @@ from builders import LOW_SPEED
 from scipy.integrate import cumulative_trapezoid
 
 from sumo_eval import Trajectory
+from sumo_eval.method.measures import smooth_motion
 from sumo_eval.method.plausibility import EXTREMES, MOTORWAY_PEOPLE
 from sumo_eval.report import driving_words as words
 from sumo_eval.scenario import catalogue
 from sumo_eval.scenario.concrete import Way
-from sumo_eval.scoring.drive_beside import CaseDrives
+from sumo_eval.scoring.drive_beside import HALF_WINDOWS, CaseDrives, braking_before
 
 FINE = {
     "length_factor": 1.0,
@@ -52,6 +53,21 @@ def scene(case, ego, *drivers, **actors):
 
 def test_every_extreme_has_words():
     assert set(EXTREMES) <= set(words.EXTREME_WORDS)
+
+
+@pytest.mark.parametrize("name", HALF_WINDOWS)
+def test_an_extreme_is_dated_at_the_middle_of_its_window(name):
+    """A drive as long as the window has one value."""
+    drives = (drive([(0, 10), (9, 20)], seconds) for seconds in np.arange(0.5, 5.0, 0.1))
+    quantity = name.removeprefix("max_").replace("deceleration", "acceleration")
+    window = next(it.duration for it in drives if getattr(smooth_motion(it), quantity).size == 1)
+    assert HALF_WINDOWS[name] == pytest.approx(window / 2.0)
+
+
+def test_braking_without_effect_before_a_contact_is_zero():
+    """The command to brake comes one sample before the contact, while the ego speeds up."""
+    ego = replace(drive([(0, 10), (10, 20)]), acceleration=np.full(101, 1.0))
+    assert braking_before(ego, 3.0, 2.95) == (2.95, 0.0)
 
 
 def test_hard_braking_before_the_lead_brakes_in_words(case):
