@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from laid import replace_in
 from lxml import etree
 from refusals import refusal, refused
 from scipy.special import fresnel
@@ -44,6 +45,7 @@ PLAN = """<OpenDRIVE><road id="{id}" length="1"><planView>
 
 NEXT = '<geometry s="100" x="{x}" y="102.75" hdg="1.5" length="9"><{shape}/></geometry>'
 SLOPE = '<elevationProfile><elevation s="0" a="0" b="0.1" c="0" d="0"/></elevationProfile>'
+SURFACE = "<lateralProfile><crossSectionSurface><tOffset/></crossSectionSurface></lateralProfile>"
 CAMBER = '<lateralProfile><shape s="0" t="0" a="0" b="0.1" c="0" d="0"/></lateralProfile>'
 
 
@@ -289,12 +291,33 @@ road = { opendrive = "road.xodr" }
     """),
         ({"profile": SLOPE}, "<elevation> .* must be constant"),
         ({"profile": CAMBER}, "<shape> .* must be 0"),
+        ({"profile": SURFACE}, "The cross-section .* must be flat, got '<crossSectionSurface>'"),
         ({"more": NEXT.format(x="oops", shape="line")}, "`x` of <geometry>"),
     ],
 )  # fmt: skip
 def test_what_would_be_another_road_is_refused_by_name(tmp_path, parts, sentence):
     with refusal(sentence):
         read_opendrive(written(tmp_path, **parts))
+
+
+SECTION = """</laneSection><laneSection s="{}"><right>
+<lane id="-2" type="driving"><width sOffset="0" a="3.5"/></lane></right></laneSection></lanes>"""
+
+
+@pytest.mark.parametrize(
+    "old, new, sentence",
+    [
+        ("</OpenDRIVE>", '<road id="0"/></OpenDRIVE>', "`id` of a road .* its own, got '0'"),
+        ("</laneSection></lanes>", SECTION.format(100), r"less than 100 m.*, got \[0.0, 100.0\]"),
+        ("</laneSection></lanes>", SECTION.format(0), r"growing from 0 .*, got \[0.0, 0.0\]"),
+        ('id="-2"', 'id="0"', "`id` of a <lane> must be a whole number, .* not 0, got '0'"),
+    ],
+)
+def test_a_file_that_contradicts_itself_is_refused(tmp_path, old, new, sentence):
+    path = written(tmp_path)
+    replace_in(path, old, new)
+    with refusal(sentence):
+        read_opendrive(path, "0")
 
 
 def test_a_file_that_is_none_and_a_road_that_is_not_there(tmp_path):
@@ -381,6 +404,53 @@ def test_the_roads_of_a_turn_are_driven_in_order(tmp_path):
     ]  # fmt: skip
     x, y, heading = (float(it) for it in map_places(read.line, read.length, 0.0))
     assert (x, y, heading) == pytest.approx((121.75, 71.75, 0.5 * math.pi))
+
+
+@pytest.mark.parametrize("road", ["in", "turn", "out"])
+def test_a_fault_on_a_side_that_is_not_driven_does_not_matter(tmp_path, road):
+    """Of the first road, which is driven against its direction, it is the side read first."""
+    path = chain(tmp_path)
+    plain = read_opendrive(path, ["in", "turn", "out"])
+    side = "right" if road == "in" else "left"
+    fault = f'<{side}><lane id="1" type="driving"><width sOffset="0" a="2" c="1"/></lane></{side}>'
+    head, tail = path.read_text().split(f'<road id="{road}">')
+    path.write_text(f'{head}<road id="{road}">' + tail.replace('s="0">', f's="0">{fault}', 1))
+    assert read_opendrive(path, ["in", "turn", "out"]) == plain
+
+
+def test_a_road_of_a_chain_that_is_driven_against_is_read_on_its_own_side(tmp_path):
+    """The last road of the turn, turned round: the side that is read first has a fault."""
+    path = chain(tmp_path)
+    plain = read_opendrive(path, ["in", "turn", "out"])
+    lane = '<lane id="{}" type="driving"><width sOffset="0" a="3.5" b="{}"/></lane>'
+    sides = f"<left>{lane.format(1, 0)}</left><right>{lane.format(-1, 0.01)}</right>"
+    head, tail = path.read_text().split('<road id="out">')
+    tail = tail.replace('y="20"', 'y="70"').replace('hdg="', 'hdg="-')
+    before, section = tail.split('<laneSection s="0">')
+    _, after = section.split("</right>")
+    path.write_text(f'{head}<road id="out">{before}<laneSection s="0">{sides}{after}')
+    read = read_opendrive(path, ["in", "turn", "out"])
+    assert [(it.length, it.begin) for it in read.line] == [
+        (pytest.approx(it.length), it.begin) for it in plain.line
+    ]
+
+
+def test_a_lane_that_opens_in_a_chain_is_named_with_its_road(tmp_path):
+    path = chain(tmp_path)
+    more = '<lane id="-2" type="driving"><width sOffset="0" a="3.5"/></lane></right>'
+    opens = more.replace('a="3.5"', 'a="0" b="0.175"').replace(
+        "/></lane>",
+        """/>
+<width sOffset="20" a="3.5"/></lane>""",
+    )
+    text = path.read_text()
+    head, last = text.split('<road id="out">')
+    path.write_text(head.replace("</right>", more) + '<road id="out">'
+                    + last.replace("</right>", opens))  # fmt: skip
+    with refusal(
+        "lanes of road `out` .* must be there throughout, .* got 'one that opens or ends'"
+    ):
+        read_opendrive(path, ["turn", "out"])
 
 
 @pytest.mark.parametrize(

@@ -658,6 +658,11 @@ CAMBER = '<lateralProfile><{} s="0" a="0" b="0.1" c="0" d="0"/></lateralProfile>
         ("</right>", WIDER, "lanes of another width"),
         ("</planView>", "</planView>" + CAMBER.format("crossfall"), "elevation"),
         ("</planView>", "</planView>" + CAMBER.format("shape"), "elevation"),
+        (
+            "</planView>",
+            "</planView><lateralProfile><crossSectionSurface/></lateralProfile>",
+            "elevation",
+        ),
         *values_of("""
     "</planView>", "</planView><objects><object/></objects>", "objects"
     "</planView>", "</planView><signals><signal/></signals>", "signals"

@@ -18,6 +18,7 @@ from sumo_eval.frozen import frozen
 from sumo_eval.scenario.road.opendrive import (
     DRIVEN,
     PROFILES,
+    SURFACE,
     constant,
     cubics_of,
     lane_offset,
@@ -212,7 +213,7 @@ def _road(element: Node, name: str) -> MapRoad:
     # The report names these contents, because an ADS cannot know of them: it overtakes on the left
     # in left-hand traffic too, and a lane of another width than the ego's is off the road here.
     kinds = {
-        "elevation": not level,
+        "elevation": not level or element.all(SURFACE),
         "left-hand traffic": element.get("rule") == "LHT",
         "lanes of another width than the ego's": widths and max(widths) - min(widths) > ON,
         "a road length other than its geometries'": abs(element.number("length", length) - length)

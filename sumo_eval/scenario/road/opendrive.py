@@ -9,8 +9,8 @@ Read: lines, arcs, spirals and parametric cubics, a constant lane offset, lanes 
     in order, as through a junction.
 Refused, each by its name: anything else that shapes a road, as slopes, and lane offsets and other
     widths that change.
-Left out: content without shape. `left_out` names objects, signals, speed limits and the like; marks
-    are left out silently.
+Left out: content without shape on the plane. `left_out` names objects, signals, speed limits,
+    heights of single lanes and the like; marks are left out silently.
 
 Users: `extras/openscenario/frame.py`, `extras/openscenario/network.py`, `scenario/file_tables.py`.
 """
@@ -24,7 +24,7 @@ from typing import Any, NamedTuple
 
 from lxml import etree
 
-from sumo_eval.errors import InputError, check_known, must_be
+from sumo_eval.errors import InputError, check_known, doubled, must_be
 from sumo_eval.scenario.road.lanes import LaneSpan, missing
 from sumo_eval.scenario.road.parametric import Cubic, pieces_along
 from sumo_eval.scenario.road.pose import Pose
@@ -43,8 +43,10 @@ _MEETS = 0.05  # m and rad: largest distance of a road from the end of the one b
 _MOST_ROADS = 8  # of a chain: several roads that are driven in order
 _Knots = list[tuple[float, float]]
 """Widths of a lane along the road: (s, m, width there, m); linear from knot to knot."""
-_Ramps = list[tuple[float, float, str]]
-"""Types of a lane along the road: (begin and end of a section, s in m, the lane's type in it)."""
+_Types = list[tuple[float, float, str]]
+"""Types of a lane along the road, section by section: (begin of the section, its end, s in m, the
+lane's type).
+"""
 _LEFT_OUT = {
     "objects": "objects/*", "signals": "signals/*", "road surface": "surface/*",
     "speed limits": ".//speed", "heights of lanes": ".//lane/height", "rules of lanes": ".//access",
@@ -85,7 +87,10 @@ def read_opendrive(path: Path, road: str | Sequence[str] | None = None) -> ReadR
     root = read_xml(path, "OpenDRIVE file")
     if root.tag != "OpenDRIVE":
         raise must_be("The root", owner, "`OpenDRIVE`", root.tag)
-    roads = {str(element.get("id")): element for element in root.iter("road")}
+    elements = list(root.iter("road"))
+    roads = {str(element.get("id")): element for element in elements}
+    if double := doubled([str(element.get("id")) for element in elements]):
+        raise must_be("The `id` of a road", owner, "its own", double[0])
     if road is None and len(roads) != 1:
         raise InputError(
             f"{owner} has {len(roads)} roads: `opendrive_road` must name one of {', '.join(roads)}."
@@ -116,56 +121,60 @@ def _chain(roads: Sequence[Element], owner: str) -> list[ReadRoad]:
 
     The first road is tried along its own direction, then against it.
     """
-    for first_against in (False, True):
-        chain: list[ReadRoad] = []
-        for element in roads:
-            name = f"road `{element.get('id')}` of {owner}"
-            stretch = (
-                _meeting(chain[-1], element, name)
-                if chain
-                else _stretch_or_none(element, name, first_against)
-            )
-            if stretch is None:
-                break
-            chain.append(stretch)
+    faults: list[InputError] = []
+    first, *others = [
+        _both_ways(road, f"road `{road.get('id')}` of {owner}", faults) for road in roads
+    ]
+    for stretch in first:
+        chain = [stretch]
+        for directions in others:
+            chain += [it for it in directions if _meets(chain[-1], it)][:1]
         if len(chain) == len(roads):
             break
     else:  # in both directions of the first road the chain ends too early
+        if faults:
+            raise faults[0]
         names = " ".join(str(element.get("id")) for element in roads)
         raise InputError(
             f"The driving lanes of the roads {names} of {owner} must meet, each at the end of the "
             "one before."
         )
 
-    first = chain[0]
-    for stretch in chain:
-        off = abs(stretch.lane_width - first.lane_width)
-        if (stretch.lanes, stretch.spans) != (first.lanes, ()) or off > _SAME:
-            wanted = "of one number and width throughout, where several roads are driven in order"
-            widths = [(it.lanes, it.lane_width) for it in chain]
-            raise must_be("The driving lanes", owner, wanted, widths)
+    where = "where several roads are driven in order"
+    for element, stretch in zip(roads, chain, strict=True):
+        if stretch.spans:
+            name = f"road `{element.get('id')}` of {owner}"
+            wanted = f"there throughout, {where}"
+            raise must_be("The driving lanes", name, wanted, "one that opens or ends")
+    lanes, width = chain[0].lanes, chain[0].lane_width
+    if any(it.lanes != lanes or abs(it.lane_width - width) > _SAME for it in chain):
+        wanted = f"of one number and width throughout, {where}"
+        widths = [(it.lanes, it.lane_width) for it in chain]
+        raise must_be("The driving lanes", owner, wanted, widths)
     return chain
 
 
-def _meeting(before: ReadRoad, road: Element, owner: str) -> ReadRoad | None:
-    """A road driven in the direction in which it begins at the end of another; None: it does not.
+def _both_ways(road: Element, owner: str, faults: list[InputError]) -> list[ReadRoad]:
+    """A road driven along its reference line and against it, as far as driving lanes lead there.
 
-    The second direction is read only if the first does not meet: faults of lanes that are not
-    driven do not matter.
+    faults: receives the fault of a direction that cannot be read. It only matters if the chain
+        needs this direction.
     """
+    stretches = []
+    for side in ("right", "left"):
+        lanes = road.iterfind(f"lanes/laneSection/{side}/lane")
+        if any(lane.get("type") in DRIVEN for lane in lanes):
+            try:
+                stretches.append(_stretch(road, owner, against=side == "left"))
+            except InputError as fault:
+                faults.append(fault)
+    return stretches
+
+
+def _meets(before: ReadRoad, road: ReadRoad) -> bool:
+    """Whether a road begins at the end of another."""
     end = before.begin.along(before.line, before.length)
-    for against in (False, True):
-        stretch = _stretch_or_none(road, owner, against)
-        if stretch and max(end.off(stretch.begin)) <= _MEETS:
-            return stretch
-    return None
-
-
-def _stretch_or_none(road: Element, owner: str, against: bool) -> ReadRoad | None:
-    """A road driven along its reference line or against it; None: no driving lane leads there."""
-    lanes = road.iterfind(f"lanes/laneSection/{'left' if against else 'right'}/lane")
-    driven = any(lane.get("type") in DRIVEN for lane in lanes)
-    return _stretch(road, owner, against=against) if driven else None
+    return max(end.off(road.begin)) <= _MEETS
 
 
 def _stretch(road: Element, owner: str, *, against: bool) -> ReadRoad:
@@ -266,6 +275,7 @@ PROFILES = (
 )
 """Elements that give a road height (the first) and tilt, which the plane of the map does not have.
 """
+SURFACE = "lateralProfile/crossSectionSurface"  # heights across a road, also not on the plane
 
 
 def constant(cubics: Sequence[tuple[float, ...]], length: float) -> bool:
@@ -305,6 +315,8 @@ def lane_offset(road: Element, owner: str, length: float, *, flat: bool = False)
     """
     for name in () if flat else PROFILES:
         _constant_value(road, name, owner, length)
+    if not flat and road.find(SURFACE) is not None:
+        raise must_be("The cross-section", owner, "flat", "<crossSectionSurface>")
     return _constant_value(road, "lanes/laneOffset", owner, length)
 
 
@@ -314,18 +326,17 @@ def _constant_value(road: Element, name: str, owner: str, length: float) -> floa
     name: path of the profile's elements, each with a cubic.
     """
     entries = list(road.iterfind(name))
-    is_tilt = name in PROFILES[1:]
     cubics = cubics_of(entries, "s", partial(_number, owner))
-    if is_tilt or all(start > 0.0 for start, *_ in cubics):
-        # the value is 0 before the first entry, and without entries; any tilt is compared with 0
-        cubics.insert(0, (0.0, 0.0))
-    if not constant(cubics, length):
-        own = zip(entries, cubics[-len(entries) :], strict=True)
-        changed = next(it for it, cubic in own if not constant([cubics[0], cubic], length))
-        shown = etree.tostring(changed).decode().strip()
-        wanted = "0: roads are driven on the plane" if is_tilt else "constant along the road"
-        raise must_be(f"<{entries[0].tag}>", owner, wanted, shown)
-    return cubics[0][1]
+    is_tilt = name in PROFILES[1:]
+    # before its first entry a profile is 0
+    from_start = any(start <= 0.0 for start, *_ in cubics)
+    value = cubics[0][1] if from_start and not is_tilt else 0.0
+    for entry, cubic in zip(entries, cubics, strict=True):
+        if not constant([(0.0, value), cubic], length):
+            shown = etree.tostring(entry).decode().strip()
+            wanted = "0: roads are driven on the plane" if is_tilt else "constant along the road"
+            raise must_be(f"<{entry.tag}>", owner, wanted, shown)
+    return value
 
 
 class _Section(NamedTuple):
@@ -360,12 +371,12 @@ def _driving_lanes(
     outer = ranks[-1]
 
     inner_edges, inner_widths = _inner_lanes(sections, outer, owner)
-    knots, ramps = _outermost(sections, outer, owner)
+    knots, types = _outermost(sections, outer, owner)
     width = max(value for _, value in knots)
     widths = [*(inner_widths[rank] for rank in ranks[:-1]), width]
     if width <= 0.0 or any(abs(value - width) > _SAME for value in widths):
         raise must_be("The driving lanes", owner, "of one width above 0 m", widths)
-    spans = _span_of(knots, width, ramps, length, owner, against=against)
+    spans = _span_of(knots, width, types, length, owner, against=against)
     if spans and len(ranks) == 1:
         raise must_be("The driving lanes", owner, "at least one that is there throughout", ranks)
     offset = (-shift if against else shift) - (inner_edges[outer] + 0.5 * width)
@@ -402,6 +413,9 @@ def _sections(road: Element, owner: str, length: float, side: str) -> list[_Sect
     if not elements:
         raise must_be("The lane sections", owner, "at least one", 0)
     begins = [_number(owner, it, "s") if len(elements) > 1 else 0.0 for it in elements]
+    if begins[0] > _SAME or begins[-1] >= length or begins != sorted({*begins}):
+        wanted = f"growing from 0 to less than {length:g} m, the length of the road"
+        raise must_be("`s` of the lane sections", owner, wanted, begins)
     return [
         _Section(begin, end, sorted(element.findall(f"{side}/lane"), key=_rank))
         for element, begin, end in zip(elements, begins, [*begins[1:], length], strict=True)
@@ -443,29 +457,30 @@ def _inner_lanes(
     return edges, widths
 
 
-def _outermost(sections: Sequence[_Section], outer: int, owner: str) -> tuple[_Knots, _Ramps]:
+def _outermost(sections: Sequence[_Section], outer: int, owner: str) -> tuple[_Knots, _Types]:
     """Widths and types of the outermost driving lane along the road; the width is 0 where the lane
     does not exist.
 
     outer: its rank.
     """
     knots: _Knots = []
-    ramps: _Ramps = []
+    types: _Types = []
     for begin, end, lanes in sections:
         outermost = [it for it in lanes if _rank(it) == outer and it.get("type") in DRIVEN]
         for lane in outermost:
             knots += _widths(lane, begin, end, owner)
-            ramps.append((begin, end, str(lane.get("type"))))
+            types.append((begin, end, str(lane.get("type"))))
         if not outermost:
             knots += [(begin, 0.0), (end, 0.0)]
-    return knots, ramps
+    return knots, types
 
 
 def _rank(lane: Element) -> int:
     """Rank of a lane from the reference line outwards, from 1 on."""
     number = lane.get("id", "0")
-    if not re.fullmatch(r"[+-]?\d{1,6}", number):
-        raise must_be("The `id`", "a <lane>", "a whole number", number)
+    if not re.fullmatch(r"[+-]?0*[1-9]\d{0,5}", number):
+        wanted = "a whole number, beside the reference line not 0"
+        raise must_be("The `id`", "a <lane>", wanted, number)
     return abs(int(number))
 
 
@@ -491,13 +506,13 @@ def _widths(lane: Element, begin: float, end: float, owner: str) -> _Knots:
 
 
 def _span_of(
-    knots: _Knots, width: float, ramps: _Ramps,
+    knots: _Knots, width: float, types: _Types,
     length: float,
     owner: str, *, against: bool,
 ) -> tuple[LaneSpan, ...]:  # fmt: skip
     """The span of the outermost lane; () if it exists throughout.
 
-    knots, ramps: as from `_outermost`.
+    knots, types: as from `_outermost`.
     width: its full width, m. length: of the road, m.
 
     The lane must open at most once and end at most once, with its full width in between. It opens
@@ -521,15 +536,15 @@ def _span_of(
     closes = min(behind, default=end)
     for s, value in knots:
         wanted = width * (1.0 - missing(s, opens, begin, end, closes))
-        # where it opens or ends without a taper, one of the two knots at that s is 0 m wide
+        # a lane that opens or ends without a taper has two knots at that s, one of them 0 m wide
         at_once = s in (begin, end) and abs(value) <= _SAME
         if abs(value - wanted) > _SLOPE_ERROR and not at_once:
             what = "one that opens once and ends once, each along a straight edge"
             raise must_be("The outermost lane", owner, what, f"{value:g} m wide at s = {s:g}")
 
     # ends of the sections in which it is an on-ramp, begins of those in which it is an exit ramp
-    on = [ramp_end for _, ramp_end, kind in ramps if kind == "onRamp"]
-    off = [ramp_begin for ramp_begin, _, kind in ramps if kind == "offRamp"]
+    on = [ramp_end for _, ramp_end, kind in types if kind == "onRamp"]
+    off = [ramp_begin for ramp_begin, _, kind in types if kind == "offRamp"]
     from_start = not before and begin <= _SAME
     to_end = not behind and end >= length - _SAME
     return (
