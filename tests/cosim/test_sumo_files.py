@@ -1,6 +1,7 @@
 """SUMO's input files: what is written, that it loads, and that the checked-in ones are what would
 be written."""
 
+import math
 import shutil
 import subprocess
 from dataclasses import replace
@@ -93,6 +94,9 @@ def test_a_route_file_says_which_point_it_is_and_what_it_cannot_express():
         case(Actor("lead", Start(80.0, 0.0, 20.0), (brake_to_stop(0.5, 4.0),))), CAR
     )
     assert "`lead` brakes to a standstill with 4 m/s2 from 0.5 s on" in braking
+    crossing = Actor("other", Start(80.0, -20.0, 10.0), heading=0.5 * math.pi)
+    words = "here it keeps its speed and drives along the road."
+    assert words in routes_xml(case(crossing), CAR), "a route file has no headings"
 
 
 def test_a_configuration_has_the_options_of_the_harness():

@@ -160,7 +160,7 @@ def shared_routes_xml(
         vehicle = concrete.simulation(settings).vehicle
         starts = departures(
             replace(concrete, road=plain(concrete.road)), vehicle.length,
-            one_lane=not own_lanes and fits_one_lane(concrete), on_map=ads_asks,
+            one_lane=not own_lanes and fits_one_lane(concrete), exact=ads_asks,
         )  # fmt: skip
         described = zip(vehicle_types(concrete, vehicle), starts, strict=True)
         for index, (kind, departure) in enumerate(described):

@@ -337,7 +337,7 @@ def routes_xml(
     root.addprevious(etree.Comment(_remarks(concrete, origin)))
     for attributes in vehicle_types(concrete, vehicle, ego_type):
         etree.SubElement(root, "vType", attributes)
-    starts = departures(concrete, vehicle.length, on_map=True)
+    starts = departures(concrete, vehicle.length, exact=True)
     routes = set()
     for attributes, (start, goal) in zip(starts, _goals(concrete), strict=True):
         route = attributes["route"]
@@ -441,14 +441,15 @@ def departure_speed(actor: Actor) -> float:
 def inserted(
     concrete: ConcreteScenario, ego_length: float
 ) -> Iterator[tuple[str, Start, float, object]]:
-    """Of each vehicle that SUMO inserts, the ego first: name, start, length, m, and `on_map`: the
-    place on the map of an actor that crosses, else None.
+    """Vehicles that SUMO inserts, the ego first: name, start, length, m, and place on the map.
+
+    The place is `Actor.on_map`: None for a vehicle whose path is along the road.
     """
     yield EGO, concrete.ego, ego_length, None
     for it in concrete.actors:
         start = replace(it.start, speed=departure_speed(it))
-        # An actor that crosses may start beside or beyond the road. SUMO inserts it on the road,
-        # and moves it to its position on the map before the first step.
+        # Beside a curve, the front of an actor with a place on the map may be beyond the road.
+        # SUMO inserts the actor on the road, and it is moved there before the first step.
         if it.on_map is not None:
             start = replace(
                 start, x=min(max(start.x, it.length / 2), concrete.road.end - it.length)
@@ -457,21 +458,21 @@ def inserted(
 
 
 def departures(
-    concrete: ConcreteScenario, ego_length: float, *, one_lane: bool = False, on_map: bool = False
+    concrete: ConcreteScenario, ego_length: float, *, one_lane: bool = False, exact: bool = False
 ) -> list[Attributes]:
     """Attributes of the vehicles of a case, the ego first.
 
     ego_length: m.
     one_lane: the network has only lane 0 (`shared_files.fits_one_lane`).
-    on_map: on a curved road, vehicles depart in their own lanes, at their true places on the map.
+    exact: on a curved road, vehicles depart in their own lanes, at their true places on the map.
     """
     vehicles = []
     road = concrete.road
     for name, start, length, _ in inserted(concrete, ego_length):
         front = first_front(road, start, length)  # SUMO's position is the front bumper
-        # On a curved road a position along the road is exact on lane 0 alone (`network_xml`). So
+        # On a curved road a position along the road is that along lane 0 alone (`network_xml`). So
         # every vehicle departs there, unless SUMO's models or an ADS look at lanes.
-        in_lane_0 = one_lane or (road.bent and not (concrete.reacts or on_map))
+        in_lane_0 = one_lane or (road.bent and not (concrete.reacts or exact))
         own_lane = lane_at(road, start.y)
         lane = 0 if in_lane_0 else own_lane
         attributes = _texts(
@@ -488,9 +489,9 @@ def departures(
                 departEdge=str(index), departLane=str(lane + first_lane), departPos=front - begin
             )
         elif road.spans and not one_lane:
-            lane, departure = _departure(road, name, (own_lane, lane), front, on_map=on_map)
+            lane, departure = _departure(road, name, (own_lane, lane), front, exact=exact)
             attributes |= departure
-        elif road.bent and on_map and lane:
+        elif road.bent and exact and lane:
             attributes |= _texts(departPos=_lane_metres(road, lane, (0.0, front, road.end)))
         if start.y != road.lane_centre(lane):
             attributes["departPosLat"] = _number(start.y - road.lane_centre(lane))
@@ -499,14 +500,16 @@ def departures(
 
 
 def _departure(
-    road: Road, name: str, lanes: tuple[int, int], front: float, *, on_map: bool
+    road: Road, name: str, lanes: tuple[int, int], front: float, *, exact: bool
 ) -> tuple[int, Attributes]:
     """The lane in which a vehicle departs on a road of several sections, and attributes of its
-    departure; none beyond the road's end.
+    departure; no attributes beyond the road's end.
 
-    lanes: the vehicle's own lane, which decides its edge, and the lane to depart in: the vehicle
-        gets the nearest lane of the edge.
+    lanes: the lane in which the vehicle starts, and the lane that it asks for. The first decides
+        whether it departs on the main edge or on a ramp's, the second in which lane of that edge:
+        in the nearest one.
     front: x of the vehicle's front bumper, m.
+    exact: as in `departures`.
     """
     own_lane, lane = lanes
     for index, section in enumerate(sections(road)):
@@ -514,7 +517,9 @@ def _departure(
             on_edge = (section.ramp,) if own_lane == section.ramp else section.lanes
             nearest = min(max(lane, on_edge[0]), on_edge[-1])
             position = front - section.begin
-            if road.bent and nearest != 0 and (on_map or nearest != lane):
+            # SUMO counts metres along a lane, which beside lane 0 are not those of the road. In the
+            # lane that it asked for, a vehicle keeps those of the road, unless it must be exact.
+            if road.bent and nearest != 0 and (exact or nearest != lane):
                 position = _lane_metres(road, nearest, (section.begin, front, section.end))
             return nearest, _texts(
                 route=f"along_{name}", departEdge=str(index),
@@ -545,7 +550,7 @@ def _remarks(concrete: ConcreteScenario, origin: str) -> str:
         if actor.lively and not actor.follows_at_once:
             lines.append(
                 f"Not in this file: what `{actor.name}` does. The harness moves it step by step, "
-                "and here it keeps its speed."
+                "and here it keeps its speed and drives along the road."
             )
         lines += [
             f"{missing} moves {abs(move.offset):g} m to the "
