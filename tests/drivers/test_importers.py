@@ -562,7 +562,7 @@ def test_any_table_on_a_map_is_straightened_and_says_what_it_assumed_and_left_ou
         assert np.ptp(track["y"]) < 0.5
     said = " ".join(recordings.notes)
     assert "1 vehicles that move less than 30 m are left out" in said
-    assert "1 vehicles that drive along no path are left out" in said
+    assert "1 vehicles that do not move as they are headed are left out" in said
     assert "no length of the vehicles: 4.5 m are assumed" in said
     assert "no speed: from the motion" in said
     assert "1 samples with a time that their vehicle already had" in said

@@ -2,8 +2,8 @@
 from the traffic itself.
 
 Used by `importing`. Stream by stream: the longest of the remaining tracks is the axis, and every
-vehicle that drives along it belongs to its stream. Vehicles that drive along no axis are left out
-and counted.
+vehicle that drives along it belongs to its stream. Vehicles that do not move as they are headed are
+left out and counted.
 
 Across the axis, traffic gathers in lanes of one width: the width at which positions, taken modulo
 it, agree best. Their circular mean is where the lanes lie. It is tracked along the road, so the
@@ -94,19 +94,20 @@ def _streams(rows: DataFrame) -> tuple[list[DataFrame], dict[str, int]]:
     while rest:
         axis = _chained(rest[0], {name: paths[name] for name in rest})
         stream = _stream(rows[rows["vehicle"].isin(rest)], axis, rest[0])
-        if len(stream):  # it is empty for a vehicle that reverses
+        if len(stream):  # else the longest track's vehicle is not headed as it moves
             streams.append(stream)
-        # with the longest track, even if the stream has none of its samples: so the loop ends
+        # the longest track is done in any case, so that the loop ends
         members = {rest[0], *stream["vehicle"].unique()}
         rest = [vehicle for vehicle in rest if vehicle not in members]
     driving = {vehicle for stream in streams for vehicle in stream["vehicle"].unique()}
-    # samples of vehicles of a stream that are in no stream
-    samples = rows["vehicle"].isin(driving).sum() - sum(map(len, streams))
+    # each other vehicle was the longest track once, and no sample of it lay along its own path
+    wrong_way = len(lengths) - standing - len(driving)
+    off_path = rows["vehicle"].isin(driving).sum() - sum(map(len, streams))
     return streams, {
         f"vehicles that move less than {SHORTEST_AXIS:g} m are left out": standing,
-        "vehicles that drive along no path are left out": len(lengths) - standing - len(driving),
+        "vehicles that do not move as they are headed are left out": wrong_way,
         "samples of vehicles off the path that they drive along or on another lap of it are left "
-        "out": samples,
+        "out": off_path,
     }
 
 
@@ -171,8 +172,8 @@ def _continuation(line: FloatArray, lines: dict[str, FloatArray]) -> FloatArray 
     none does.
     """
     part = _furthest(line, lines.values())
-    # Cut off where the part comes back to the line. The line's last 32 points, 2 HALF_WIDTH of
-    # road, do not count: the part begins beside them.
+    # Cut off where the part comes back to the line. The line's last 2 HALF_WIDTH m, one point a m,
+    # do not count: the part begins beside them. Of a short line its first point alone counts.
     driven = line[: -int(2 * HALF_WIDTH)] if len(line) > 4 * HALF_WIDTH else line[:1]
     back = np.flatnonzero(cKDTree(driven).query(part)[0] < HALF_WIDTH)
     part = part[: back[0]] if back.size else part
@@ -193,7 +194,7 @@ def _furthest(line: FloatArray, others: Iterable[FloatArray]) -> FloatArray:
         aside, along = offset @ normal, offset @ course
         near = np.flatnonzero((np.abs(aside) <= HALF_WIDTH) & (np.abs(along) <= 2 * AXIS_SPACING))
         if near.size == 0 or near[0] + COURSE_POINTS >= len(other):
-            continue
+            continue  # it does not pass the end, or ends there too
         joint = near[np.argmin(np.abs(along[near]))]
         ahead = other[min(joint + COURSE_POINTS, len(other) - 1)] - other[joint]
         forward = ahead @ course >= np.cos(WRONG_WAY) * np.hypot(*ahead)

@@ -1,7 +1,7 @@
 """Each class of encounters as a scenario file: parameters, vehicles, moves.
 
-`learned` fills in the ranges. A vehicle from the next lane comes from the left, a vehicle from a
-ramp from the right. `measured` mirrors encounters from the other side.
+In every scene a vehicle from the next lane comes from the left, one from a ramp from the right:
+`measured` mirrors recorded encounters from the other side. `learned` fills in the ranges.
 
 Users: `extras/rates/learn_page.py`, `extras/rates/learned.py`.
 """
@@ -17,7 +17,8 @@ CAR_LENGTH = 4.5  # m, of every vehicle
 EGO_X = 200.0  # m, where the ego starts
 END_X, END_TIME = 1500.0, 45.0  # m along the road, and s, at which a case ends
 ROAD_LENGTH = 5000.0  # m
-GRID_POINTS = 1500  # of the default grid, at most
+# of the default grid, at most; more for a single narrow parameter, as steps are rounded to 1e-6
+GRID_POINTS = 1500
 SLOWEST, FASTEST = 0.5, 60.0  # m/s at t = 0; roads of scenario files allow no more
 
 
@@ -25,7 +26,7 @@ class Quantity(NamedTuple):
     """A parameter of a class.
 
     about: its description in the file.
-    floor, ceiling: bounds of its values, in `unit`.
+    floor, ceiling: bounds of its learnt range, in `unit`; a lower recorded value lowers the floor.
     """
 
     name: str
@@ -185,6 +186,7 @@ SCENES = {
         ),
         obstacle="revealed",
         constraints=(
+            # the lead's length, and 1 m between both
             (f"gap >= lead_gap + {CAR_LENGTH + 1.0:g}", "one where the revealed vehicle is ahead "
                                                         "of the lead"),
         ),
@@ -202,6 +204,7 @@ SCENES = {
         (
             SceneActor(
                 "lead", "ego_speed - closing_speed", "the lead", {"gap": "headway * ego_speed"},
+                # for `braking` s, as defined below: up to a standstill at most
                 (_speed_change("braking", "lead_speed - deceleration * duration", "0.0"),),
             ),
         ),
@@ -306,7 +309,7 @@ def content_of(
 def _parameters(
     quantities: Sequence[Quantity], ranges: Mapping[str, tuple[float, float]]
 ) -> list[dict[str, Any]]:
-    """Tables of the parameters, with steps for a grid of at most `GRID_POINTS` points.
+    """Tables of the parameters, with steps for a grid of about `GRID_POINTS` points or fewer.
 
     ranges: as in `content_of`.
     """
