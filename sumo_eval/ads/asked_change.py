@@ -8,7 +8,8 @@ path: the ego's `lane_change.PATH`; its offset is 0 until the change has begun.
 way: the requested lane change, `EGO["way"]` of `cosim.records`.
 me, others: the ego and the actors, as `MOVER`s. scenario: a `SCENARIO` record.
 
-Users: `ads/car_following.py`; `ads/overtaking.py` for the limits of gaps, which are the same there.
+Users: `ads/car_following.py`; `ads/overtaking.py`, which takes the limits and `closes_by`, but not
+`GAP`, and has its own headway to the vehicle behind.
 """
 
 from typing import Any
@@ -59,8 +60,10 @@ def change_if_free(path: Any, way: Any, me: Any, others: Any, scenario: Any) -> 
     room = way.by - me.x  # m of road for the change
     # m of road that the shortest change takes
     shortest = max(shortest_duration(way.offset, COMFORTABLE_LATERAL) * speed, LEAST_CHANGE)
-    # not yet, or too late; where the ego's lane ends, a late change is better than none
-    if me.x < way.begin or (room < shortest and way.ends == 0):
+    if me.x < way.begin:  # not yet
+        return False
+    # too late; but where the ego's lane ends, a late change is better than none
+    if room < shortest and way.ends == 0:
         return False
     if not _gap_is_free(way, me, others, shortest / max(speed, LEAST_SPEED), scenario):
         return False

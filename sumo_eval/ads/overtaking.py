@@ -1,9 +1,9 @@
 """The decision to change to the left lane instead of following, and how quickly: for `lane_changer`
 and the synthetic drivers.
 
-A vehicle is in the ego's way (a lead) if, at the present speeds, the ego's path overlaps the
-vehicle where the ego reaches it. The same rule serves before a lane change, during it for the
-vehicle that is overtaken, and after it for the lead in the new lane.
+A vehicle is in the ego's way (a lead) if, at the present speeds along the road, the ego's path
+overlaps the vehicle where the ego reaches it. The same rule serves before a lane change, during it
+for the vehicle that is overtaken, and after it for the lead in the new lane.
 
 Arguments of most kernels here: memory, of `OVERTAKING`; me and others, the ego and the vehicles
 that it knows, as `MOVER`s; watched, its memory of each vehicle, of `WATCHED`; habits, of `HABITS`;
@@ -51,17 +51,17 @@ EMERGENCY_GAP = 2.0  # m left to a vehicle in the other lane after an evasion
 # m/s: an ego speeds up only if it would pass clear even when faster by this
 SPEED_RESERVE = 1.0
 BRAKE_BUILD_UP = 0.1  # s, in which the gap closes before brakes hold
-LEAST_LENGTH = 20.0  # m for a lane change at a crawl: a fifth of a car's largest curvature
+# m, shortest lane change, however slow the ego is: its path is a fifth as curved as a car can drive
+LEAST_LENGTH = 20.0
 # s before the left lane ends, or a line begins that must not be crossed: no lane change begins
 # later
 END_AHEAD = 10.0
 LEAST_SPEED = 2.0  # m/s; a slower ego does not overtake
 COMES_TOWARDS = 1.0  # m/s against the ego's direction, above which a vehicle is oncoming
 
-# s, at the ego's speed, to which the vehicle behind has braked down by then. UN R79, 5.6.4.7 (lane
-# change, ACSF C): to keep this headway, that vehicle need not brake harder than
-# `REAR_DECELERATION`, beginning `REAR_DELAY` after the ego's side has come to the line between the
-# lanes.
+# s, headway that is left to the vehicle behind once it is as slow as the ego. UN R79, 5.6.4.7 (lane
+# change, ACSF C): for this, that vehicle need not brake harder than `REAR_DECELERATION`, and not
+# before `REAR_DELAY` after the ego's side has come to the line between the lanes.
 REAR_HEADWAY = 1.0
 
 
@@ -108,7 +108,7 @@ curvature: of the road beside the path's lane, 1/m, as `curvature_kept` has it.
 desired_speed: of this step, m/s.
 free: acceleration wanted in this step with nothing in the way, m/s2.
 began: 1 after the first step.
-passing: 1 while the ego passes a vehicle of the old lane and is not well clear of it.
+passing: 1 while the ego has a vehicle of the old lane still to pass (`_still_to_pass`).
 changing: 1 once the lane change has begun, also after its end.
 """
 WATCHED = [*FOLLOWED, *fields("closing"), *flags("leads")]
@@ -155,7 +155,8 @@ def overtake(
         ):
             # on the new path other vehicles are in the way
             _find_leads(memory, me, others, watched, scenario)
-        # it will overtake but is not near enough yet: until then it does not follow
+        # It will overtake once it is near enough: until then it keeps its speed, follows no lead.
+        # In an emergency that it cannot evade, it has to brake.
         elif (
             not emergency
             and pays
@@ -183,7 +184,7 @@ def _passes_too_near(memory: Any, me: Any, others: Any, scenario: Any) -> bool:
     too_near = False
     if memory.changing:
         for j in range(len(others)):
-            if _still_ahead(memory, me, others[j], scenario):
+            if _still_to_pass(memory, me, others[j], scenario):
                 memory.passing = 1
                 too_near = too_near or _in_the_way(
                     memory, me, others[j], scenario, SPEED_RESERVE, CLEARANCE
@@ -328,10 +329,10 @@ def _needed_braking(lead: Any) -> float:
 def _duration(
     me: Any, others: Any, watched: Any, shortest: float, habits: Any, scenario: Any
 ) -> float:
-    """Duration of the lane change, s: the habitual one, or, if less, the longest with which the ego
-    is clear of every lead when it reaches the lead. -1: that is less than `shortest`, s.
+    """Duration of the lane change, s: the habitual one, or less where the ego would not be clear of
+    a lead when it reaches the lead. -1: even with the duration `shortest`, s, it would not be.
     """
-    longest = max(habits.duration, shortest)
+    duration = max(habits.duration, shortest)
     for j in range(len(others)):
         if watched[j].leads == 0:
             continue
@@ -348,9 +349,9 @@ def _duration(
         level = gap / closing  # s until the ego's front is level with the lead's rear
         if smooth_step(level / shortest) < share:
             return -1.0
-        if smooth_step(level / longest) < share:
-            longest = max(level / share_when_done(share), shortest)
-    return float(longest)
+        if smooth_step(level / duration) < share:
+            duration = max(level / share_when_done(share), shortest)
+    return float(duration)
 
 
 @kernel
@@ -388,14 +389,14 @@ def _gap_behind(me: Any, behind: Any, duration: float, emergency: bool, scenario
 
 
 @kernel
-def _still_ahead(memory: Any, me: Any, other: Any, scenario: Any) -> bool:
+def _still_to_pass(memory: Any, me: Any, other: Any, scenario: Any) -> bool:
     """Whether the lane change leads past a vehicle that the ego has not passed yet, and the free
     space across the road between both is less than `AT_EASE`.
     """
     widths = 0.5 * scenario.vehicle.width + other.half_width
-    target = memory.path.start + memory.path.offset
+    new_y = memory.path.start + memory.path.offset  # of the ego after the change, m
     return bool(
-        other.x > me.x - me.half_length
+        other.x > me.x - me.half_length  # its centre is ahead of the ego's rear
         and abs(me.y - other.y) < widths + AT_EASE
-        and abs(target - other.y) >= widths
+        and abs(new_y - other.y) >= widths  # it is not in the way there
     )

@@ -137,8 +137,9 @@ OTHER = np.dtype(
 
 rate: change of its speed over the last step, m/s2. acceleration: along its heading, m/s2.
 present: 0 once it has left the network.
-told: 0 if SUMO moves it along its lane in this step, instead of its script. 2 if its script moves
-    it and SUMO receives its motion. Else 1, also where a SUMO model drives it.
+told: `LEFT_TO_SUMO` if SUMO moves it along its lane in this step, instead of its script. `SENT` if
+    its script moves it and SUMO receives its motion. Else `NOT_SENT`, also where a SUMO model
+    drives it.
 strays: 1 once it has been beside the lanes, from where SUMO moves no vehicle.
 """
 
@@ -187,6 +188,7 @@ cycle is a whole number of steps.
 
 SAME_TIME = 1e-9  # s, rounding of sums of steps
 SUMO, MODEL, PLANT = 0, 1, 2  # what moves the ego
+LEFT_TO_SUMO, NOT_SENT, SENT = 0, 1, 2  # of an actor, `told`
 # These numbers are no order: `step_rules.see_rows` says which reason wins.
 REASONS: tuple[EndReason | None, ...] = (
     None, "contact", "standstill", "road_end", "off_road", "time_limit", "decided", "ads_error",

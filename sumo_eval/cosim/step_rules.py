@@ -6,8 +6,9 @@ map are the same numbers.
 
 The order of operations decides the last bits of recorded values: keep it.
 
-`cosim/world.py` runs the functions marked `@rows`, before SUMO's step (`move_rows`) and after it
-(`read_rows`, `see_rows`); `cosim/loop.py` runs `stop_rows`. Kernels of other files call the rest.
+`cosim/world.py` runs the functions marked `@rows`: in every step `move_rows` before SUMO's step,
+`see_rows` after it. `cosim/loop.py` runs `stop_rows` where a step is broken off. Kernels of other
+files call `show_body` and `first_of`.
 
 Users: `cosim/compiled.py`, `cosim/loop.py`, `cosim/world.py`,
 `drivers/synthetic/driver.py`, `record/loops.py`.
@@ -31,13 +32,16 @@ from sumo_eval.cosim.records import (
     CONTACT,
     DECIDED,
     DEGREES,
+    LEFT_TO_SUMO,
     MODEL,
+    NOT_SENT,
     OFF_ROAD,
     OFF_SCRIPT,
     PLANT,
     ROAD_END,
     SAME_TIME,
     SCRIPT_TOLERANCE,
+    SENT,
     STANDSTILL,
     STRAIGHT,
     SUMO,
@@ -68,9 +72,9 @@ def show_body(mover: Any, body: Any, line: Any, rear: float) -> None:
     and across the road.
 
     line: knots of the road's line; none: it is straight.
-    rear: m from the centre back to the axle that follows the lane. In a curve the body's heading
-        lags the lane's by atan(rear * curvature). The extents are those of a body turned back by
-        this angle: a body that keeps its lane is as wide as on a straight road.
+    rear: m from the centre back to the axle that follows the lane. In a curve a body that keeps its
+        lane points out of the curve, by atan(rear * curvature) from the lane at its centre. The
+        extents leave this angle out: such a body is as wide as on a straight road.
     """
     curvature = line_at(line, body.x).curvature
     # inner: m driven at the offset y for each metre of the line
@@ -82,6 +86,7 @@ def show_body(mover: Any, body: Any, line: Any, rear: float) -> None:
     mover.braking = 0.0  # only a rule that predicts braking writes another value, into its copy
     mover.along, mover.across = speed * math.cos(heading) / inner, speed * math.sin(heading)
     mover.curvature = curvature / inner
+    # angle from the heading of a body that keeps its lane
     lean = heading + math.atan(rear * mover.curvature)
     c, s = abs(math.cos(lean)), abs(math.sin(lean))
     if s < ALONG:  # rounding; so small an angle equals its sine
@@ -191,7 +196,7 @@ def begin_rows(cast: Cast, seen: Records, samples: FloatArray, scenario: Records
 def stop_rows(egos: Records, others: Records, samples: FloatArray, back: int) -> None:
     """Record a case that is alone where an error or SUMO has broken it off.
 
-    back: not 0 within a step: its vehicles return to the step's start.
+    back: not 0 within a step, which does not count: its vehicles return to the step's start.
     """
     ego, actors = egos[0], others[0]
     if back:
@@ -226,10 +231,10 @@ def move_rows(
 def _move_egos(
     cast: Cast, clips: Records, tell: FloatArray, scenario: Records, to_sumo: int
 ) -> int:
-    """Move the egos by one step, and copy all vehicles' motion to `before`; return how many rows of
-    `tell` there are.
+    """Move the egos by one step; return how many rows of `tell` there are.
 
-    SUMO receives only egos that are `stale`.
+    Copies the motion of egos and actors to `before`, except of actors whose ego's command is
+    refused. SUMO receives only egos that are `stale`.
     """
     count = 0
     egos, others, step = cast.egos, cast.others, scenario[0].step
@@ -251,7 +256,7 @@ def _move_egos(
         for j in range(len(others[i])):
             other = others[i, j]
             _restate(other.before, other)
-            other.told = 0
+            other.told = LEFT_TO_SUMO
     return count
 
 
@@ -296,17 +301,18 @@ def _place_in_frame(ego: Any, line: Any, step: float) -> float:
 
 @kernel
 def goes_straight(
-    ahead: float, aside: float, speed: float, before: float, step: float, vehicle: Any
+    ahead: float, aside: float, speed: float, first_speed: float, step: float, vehicle: Any
 ) -> bool:
     """Whether an ego drove straight on, by as much as its speeds allow.
 
-    ahead, aside: motion of its front bumper in the step, m.
-    speed, before: at the step's end and start, m/s.
+    ahead, aside: its motion along and across the road in the step, m.
+    speed, first_speed: at the step's end and start, m/s.
     """
-    acceleration, half = (speed - before) / step, 0.5 * step
-    # off: m by which the motion differs from that at the mean speed. most: the difference of the
-    # motion at the first or the last speed.
-    off, most = abs(ahead - half * (speed + before)), half * abs(speed - before) + JUMP_TOLERANCE
+    acceleration, half = (speed - first_speed) / step, 0.5 * step
+    # off: m by which the ego drove more or less than at the mean of both speeds. most: what that
+    # would be if it had driven the whole step at one of them.
+    off = abs(ahead - half * (speed + first_speed))
+    most = half * abs(speed - first_speed) + JUMP_TOLERANCE
     grip = vehicle.friction * GRAVITY
     # strictly within the limits: at a limit, SUMO may have held the ego back
     return (
@@ -325,7 +331,7 @@ def _goes_along(ego: Any, shown: FloatArray, road: Any) -> bool:
     shown: as of `_read_ego`.
     """
     along = ego.map.heading == 0.0 and shown[2] == STRAIGHT and road.bent == 0
-    again = ego.placed == SUMO and ego.stale == 0
+    again = ego.placed == SUMO and ego.stale == 0  # stale: SUMO moves it for the first time
     return bool(along and again and road.right_edge <= shown[1] <= road.left_edge)
 
 
@@ -335,18 +341,18 @@ def _read_ego(ego: Any, shown: FloatArray, scenario: Any) -> bool:
 
     shown: x and y of its front bumper, m, angle, deg, and speed, m/s.
     """
+    if not _goes_along(ego, shown, scenario.road):
+        return False
     at, step = ego.map, scenario.step
-    x, speed = shown[0] - 0.5 * ego.length, shown[3]
-    # the first arguments of `goes_straight`
-    motion = x - at.x, shown[1] - at.y, speed, ego.next.speed
-    if not (
-        _goes_along(ego, shown, scenario.road) and goes_straight(*motion, step, scenario.vehicle)
-    ):
+    # of its centre: the ego points along the road, so its bumper has the same y
+    x, y = shown[0] - 0.5 * ego.length, shown[1]
+    speed, first_speed = shown[3], ego.next.speed  # SUMO showed the first one a step ago
+    if not goes_straight(x - at.x, y - at.y, speed, first_speed, step, scenario.vehicle):
         return False
     ego.x = x
     at.x = x
     ego.heading = 0.0
-    ego.speed, ego.next.speed, ego.acceleration = speed, speed, (speed - motion[3]) / step
+    ego.speed, ego.next.speed, ego.acceleration = speed, speed, (speed - first_speed) / step
     return True
 
 
@@ -428,7 +434,7 @@ def received_rows(cast: Cast, scenario: Records, end: float, received: FloatArra
             count += 1
         for j in range(len(others[i])):
             it = others[i, j]
-            if it.told == 2 and it.present == 1 and _on_lanes(it, road, end):
+            if it.told == SENT and it.present == 1 and _on_lanes(it, road, end):
                 received[count] = float(number + 1 + j), it.front_x, it.front_y, it.y
                 count += 1
     return count
@@ -509,9 +515,9 @@ def see_rows(
     """Finish a step after SUMO's: positions, contact, ends, samples, what rules see next; return
     how many cases have ended.
 
-    Of several reasons the first of these wins: a reason set before; contact, unless it is beyond
-    the road's length; off_road, road_end, standstill, time_limit, decided (`_end`). The numbers of
-    `records.REASONS` are not this order.
+    Of several reasons the first in this order wins: the reason that a row already has; contact,
+    unless the ego is then beyond the road's length; the reasons of `_end`, as it tests them. The
+    numbers of `records.REASONS` have another order.
 
     line: knots of the road's line; none: it is straight.
     steps: of the world, this one included.
@@ -646,14 +652,14 @@ def _move_actors(
         for j in range(len(others[i])):
             other, play = others[i, j], plays[i, j]
             play_actor(cast, i, j, now)
-            other.told = 1
+            other.told = NOT_SENT
             if play.model or other.present == 0:
                 continue
             inner = put_on_map(other, cast.line)
             if to_sumo == 2 and not _at_work(other, play, acts[i, j], now, scenario[0]):
-                other.told = 0
+                other.told = LEFT_TO_SUMO
             elif to_sumo:
-                other.told = 2
+                other.told = SENT
                 along = velocity(other)[0] / inner
                 count = _tell(
                     tell, count, i * (1 + len(others[i])) + 1 + j, other, cast.line, along

@@ -27,7 +27,7 @@ from sumo_eval.cosim.lane_places import (
     inside_lanes,
     shadow_lanes,
 )
-from sumo_eval.cosim.records import STRAIGHT
+from sumo_eval.cosim.records import NOT_SENT, STRAIGHT
 from sumo_eval.cosim.stage import EXACT_SPEED_MODE, Stage
 from sumo_eval.cosim.sumo.session import NOWHERE
 from sumo_eval.cosim.sumo.shared_files import has_shadow, shadow_name
@@ -251,7 +251,7 @@ class Traffic(Stage):
         speed = shown[:, 3]
         # of a vehicle on no lane SUMO shows an impossible speed; `~`: true of nan as well
         absent = (shown[:, 0] <= NOWHERE) | ~((speed > LOWEST_SPEED) & (speed < FASTEST))
-        others["told"][rows, columns] = 1  # moved in this step
+        others["told"][rows, columns] = NOT_SENT
         for k in np.flatnonzero(absent).tolist():
             others["present"][rows[k], columns[k]] = 0
             now = world.time + world.settings.step

@@ -24,6 +24,7 @@ from sumo_eval.cosim.records import (
     CLIP,
     CYCLE,
     EGO,
+    LEFT_TO_SUMO,
     LIMITS,
     MODEL,
     MOVER,
@@ -305,7 +306,7 @@ class World:
         passes = (before <= self.end_of_lanes) & (now > self.end_of_lanes)
         passes &= others["present"] == 1
         passes &= (others["y"] >= road.right_edge) & (others["y"] <= road.left_edge)
-        passes &= (others["told"] > 0) | (not as_read)  # 0: SUMO moves it by itself
+        passes &= (others["told"] != LEFT_TO_SUMO) | (not as_read)
         passes &= ((egos["live"] == 1) & (egos["reason"] == 0))[:, None]
         return np.asarray(passes)
 

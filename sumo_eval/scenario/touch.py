@@ -105,22 +105,21 @@ def widest_gap(a: Body, b: Body) -> tuple[float, float, float]:
     # vector from a's centre to b's, along and across each body
     along_a, across_a = dx * ca + dy * sa, dy * ca - dx * sa
     along_b, across_b = dx * cb + dy * sb, dy * cb - dx * sb
-    # half the extents of b along a's length (reach) and a's width (span); then those of a along
-    # b's length and width
-    reach_b, span_b = lb * cos_between + wb * sin_between, lb * sin_between + wb * cos_between
-    reach_a, span_a = la * cos_between + wa * sin_between, la * sin_between + wa * cos_between
+    # half the extents of each body by the axes of the other: along the other's length, and across
+    b_along, b_across = lb * cos_between + wb * sin_between, lb * sin_between + wb * cos_between
+    a_along, a_across = la * cos_between + wa * sin_between, la * sin_between + wa * cos_between
     # widest gap so far, b's centre along its axis, and the axis: the four axes one after another
-    gap, offset = abs(along_a) - la - reach_b, along_a
+    gap, offset = abs(along_a) - la - b_along, along_a
     x, y = ca, sa
-    candidate = abs(across_a) - wa - span_b
+    candidate = abs(across_a) - wa - b_across
     if candidate > gap:
         gap, offset = candidate, across_a
         x, y = -sa, ca
-    candidate = abs(along_b) - lb - reach_a
+    candidate = abs(along_b) - lb - a_along
     if candidate > gap:
         gap, offset = candidate, along_b
         x, y = cb, sb
-    candidate = abs(across_b) - wb - span_a
+    candidate = abs(across_b) - wb - a_across
     if candidate > gap:
         gap, offset = candidate, across_b
         x, y = -sb, cb
@@ -144,15 +143,16 @@ def between(before: Body, after: Body, share: float) -> Body:
 
 @kernel
 def share_at_touch(a_before: Body, a_after: Body, b_before: Body, b_after: Body) -> float:
-    """Share of the step at which two bodies first touch; -1 if they do not.
+    """Share of the step at which two bodies first touch: 0 if they do at its start, -1 if they do
+    not at all.
 
     before, after: the bodies at the start and at the end of the step.
     """
     # motion of b relative to a, m
     shift_x = (b_after.x - b_before.x) - (a_after.x - a_before.x)
     shift_y = (b_after.y - b_before.y) - (a_after.y - a_before.y)
-    # m between the centres beyond which they cannot touch: a box in any direction stays within
-    # (length + width) / 2 of its centre
+    # m between the centres at the start, along x or y, beyond which the bodies cannot touch in this
+    # step: a box in any direction stays within (length + width) / 2 of its centre
     reach = (
         0.5 * (a_after.length + a_after.width + b_after.length + b_after.width)
         + abs(shift_x)
