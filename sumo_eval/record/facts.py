@@ -218,7 +218,7 @@ def record_facts(
         except (StoppedError, KeyboardInterrupt):
             raise StoppedError(
                 f"Stopped. {_counted(store).drives} drives are recorded in {folder}; "
-                f"the same command with --out {folder} --resume continues."
+                "the same command with --resume continues."
             ) from None
         store.seal()
         return replace(_counted(store), notes=notes)
