@@ -251,14 +251,16 @@ def _unfinished(folder: Path, *, resumed: bool) -> Iterator[None]:
 def import_run(history: Path, run: Path, progress: Progress = quiet) -> Night:
     """Add a finished run to a history, as a night that began when the run was recorded.
 
-    An imported night is never a base, because no gate was evaluated for it.
+    An imported night is a base only if it is accepted, because no gate was evaluated for it.
     """
-    with _only_one(history), open_history(history, create=True) as database:
+    with _only_one(history):
+        # before a history is made: an empty one would let the next night begin without its base
         evaluation = score(run, progress=progress)
         created = datetime.fromisoformat(str(evaluation.manifest["created"])).astimezone(UTC)
         words = "Imported; no gate evaluated it."
         night = _line(evaluation, _name(created), str(run.resolve()), IMPORTED, words)
-        database.add(night, evaluation, ())
+        with open_history(history, create=True) as database:
+            database.add(night, evaluation, ())
     return night
 
 

@@ -390,6 +390,13 @@ def test_older_runs_are_imported_as_nights_without_a_verdict(week, tmp_path):
     sumo_eval("trend", tmp_path, status=2)
 
 
+def test_failed_import_makes_no_history(file, lost, tmp_path):
+    """An empty one would let the next night begin as the first, without the nights that are there."""
+    cli_refuses("is not a run folder", f"trend {lost} --import {tmp_path}")
+    with refusal("is missing or empty"):
+        run(file, lost)
+
+
 def empty(path):
     path.write_bytes(b"")
 
