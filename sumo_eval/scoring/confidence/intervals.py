@@ -20,6 +20,7 @@ drivers H and D compare. `scored.py` puts the intervals into the results.
   instead of unseen collisions, as bad as doing nothing (t = 0, lost = the mean at stake). It weighs
   e cases, where e is exponential with mean 0.5. Every ADS receives the same case, so in a
   difference of two ADSs it cancels as far as its effect on both is equal.
+- A mean over safe cases (T, D, H) that comes from a single case lies anywhere between 0 and 1.
 - Limits are percentiles of the replicates. With few cases they are widened as much as Student's t
   is wider than the normal distribution (Hesterberg 2015). A collision keeps its weight r (Eq. 16)
   in every replicate.
@@ -67,6 +68,7 @@ from sumo_eval.trajectory import BoolArray, FloatArray, IntArray
 LEVEL = 0.95  # probability with which an interval covers its score
 REPLICATES = 2_000  # of the bootstrap
 ONE_MORE = 0.5  # mean weight of the one more case, in cases
+LEAST = 2  # fewest cases that show how far cases differ
 UNSEEN = 3.0  # rule of three: after 0 collisions at n points, at most 3/n with 95 % confidence
 # scores with an interval from here; `assessment.py` has that of the collision probability
 SCORED = tuple(name for name in COMPUTED if name != "collision_probability")
@@ -214,6 +216,14 @@ class _Sums:
         for name, lost in self._unseen.losses(sums[of_scores:], unseen).items():
             worse[name] = better[name] + lost if name in BAD_SIDE_UP else better[name] - lost
         worse = _with_one_more(worse, better, terms, weight)
+        single = _single(terms)
+        worse, better = (
+            _summed(
+                scores | {name: np.where(np.isnan(scores[name]), np.nan, end) for name in single},
+                terms.method,
+            )
+            for scores, end in ((worse, 0.0), (better, 1.0))
+        )
 
         values = point_values(terms)
         freedom = _freedom(ads, groups)
@@ -228,7 +238,7 @@ class _Sums:
                 source: _half(scores[name], freedom[name]) for source, scores in by_source.items()
             }
             for name in ("s", "s_plus")
-            if name in limits
+            if name in limits and not single
         }
         return ScoreIntervals(
             limits, sources, worse["s_plus"], better["s_plus"], freedom["s_plus"], ads.missing
@@ -384,6 +394,18 @@ class UnseenCollisions(NamedTuple):
             whole = np.divide(over, under, out=np.zeros(over.shape), where=under > 0.0)
             losses[name] = (1.0 - (1.0 - chance) ** self.points if name == "c" else chance) * whole
         return losses
+
+
+def _single(terms: CaseTerms) -> list[str]:
+    """Names of the means over safe cases, 0..1, that come from a single case with exposure. It does
+    not show how far cases differ, so the mean may be anything.
+    """
+    means = {"task_share": terms.task, "d": terms.index, "human_likeness": terms.likeness}
+    numbers = {
+        name: np.count_nonzero(np.isfinite(values) & (terms.exposure > 0.0))
+        for name, values in means.items()
+    }
+    return [name for name, number in numbers.items() if 0 < number < LEAST]
 
 
 def _stake(terms: CaseTerms) -> tuple[BoolArray, FloatArray]:

@@ -16,7 +16,7 @@ from sumo_eval.record.progress import Progress, quiet
 from sumo_eval.results import ScenarioResult
 from sumo_eval.scoring.case_terms import case_terms
 from sumo_eval.scoring.confidence.drivers import DriverDeviations
-from sumo_eval.scoring.confidence.intervals import AdsCases, ScoreIntervals, score_intervals
+from sumo_eval.scoring.confidence.intervals import LEAST, AdsCases, ScoreIntervals, score_intervals
 from sumo_eval.scoring.confidence.resamples import Strata
 from sumo_eval.settings import EvaluationSettings
 from sumo_eval.trajectory import IntArray
@@ -33,8 +33,6 @@ WITHIN = {
     "s_plus": (0.0, 100.0),
 }
 """Score -> its range. The range of S, which is not in it, is 0 to S of C = D = 1 (Eq. 18)."""
-
-LEAST = 2  # fewest counted cases (`CaseTerms.counted`) of an ADS that gets intervals
 
 
 def with_intervals(

@@ -61,6 +61,18 @@ def test_cases_that_were_all_lost_have_intervals_without_c():
     assert "c" not in found.limits
 
 
+def test_mean_over_a_single_case_may_be_anything():
+    def limits_of(cases):
+        some = np.where(np.arange(12) < cases, 0.8, np.nan)
+        return intervals(judged(12, task=some, index=some, likeness=some)).limits
+
+    alone, two = limits_of(1), limits_of(2)
+    for name in ("task_share", "d", "human_likeness"):
+        assert alone[name] == (0.0, 1.0)
+        assert two[name][1] == pytest.approx(0.8)
+    assert alone["s_plus"] == (0.0, pytest.approx(100.0))
+
+
 # --- the known answer -----------------------------------------------------------------------------
 
 DRIVERS, CASES = 10, 90
