@@ -12,7 +12,7 @@ from __future__ import annotations
 from array import array
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, replace
-from itertools import chain
+from itertools import chain, islice
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -203,8 +203,18 @@ def _zones_and_weights(
 
 
 def _driven_points(space: ScenarioRun) -> tuple[IntArray, FloatArray]:
-    """Numbers of the points that were driven, (n,), and their values, (n, k)."""
+    """Numbers of the points that were driven, (n,), and their values, (n, k).
+
+    Raises InputError if the scenario had other parameters when it was driven.
+    """
     names = space.logical.names
+    for first in islice(space.store.facts("ideal", space.name), 1):
+        if set(first.values) != set(names):
+            raise InputError(
+                f"Scenario `{space.name}` of run {space.store.path.parent} was driven with the "
+                f"parameters {', '.join(first.values)}, and has {', '.join(names)} now: restore "
+                "its file, or run the evaluation again."
+            )
     facts = space.store.facts("ideal", space.name)  # the ideal vehicle drives every point once
     rows = ((fact.point, *(fact.values[name] for name in names)) for fact in facts)
     table = np.fromiter(rows, np.dtype((np.float64, (1 + len(names),))))

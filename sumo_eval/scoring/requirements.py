@@ -12,6 +12,7 @@ import numpy as np
 
 from sumo_eval.case_table import CaseTable
 from sumo_eval.cases import EVALUATED
+from sumo_eval.errors import InputError
 from sumo_eval.method.measures import course_of
 from sumo_eval.record.case_rows import Fact
 from sumo_eval.record.store import EGO
@@ -56,6 +57,8 @@ def requirements_missed(fact: Fact, space: ScenarioRun) -> str | None:
     """Names of the requirements that a drive misses, joined by `SEPARATOR`.
 
     "": it misses none. None: the scenario requires nothing, or the drive was not evaluated.
+
+    Raises InputError for a requirement on an actor that the drive does not have.
     """
     required = space.logical.requirements
     if required is None or fact.status not in EVALUATED:
@@ -73,6 +76,12 @@ def requirements_missed(fact: Fact, space: ScenarioRun) -> str | None:
     series = series_of(ego, actors, fact.collision, space.logical.road)
     # quantities of actors: `x(lead)` has the placeholder `x_of_lead`
     for placeholder, quantity, name in (ask for each in required.all for ask in each.asks):
+        if name not in actors:
+            raise InputError(
+                f"Scenario `{space.name}` requires something of `{name}`, but {fact.case} was "
+                "driven without such an actor: restore the scenario's file, or run the evaluation "
+                "again."
+            )
         actor = actors[name]
         values = {
             "x": actor.x,

@@ -12,6 +12,7 @@ from road_scenes import ROAD, scenario_of
 from tables import rows_of
 
 from sumo_eval import Trajectory, evaluate
+from sumo_eval import score as score_run
 from sumo_eval.nightly.gates import judge
 from sumo_eval.report.junit import run_suites
 from sumo_eval.report.notes import score_note
@@ -162,3 +163,13 @@ ads = [{{ name = "nothing", controller = "no_reaction" }}]
         )
         assert gate.passed == passes
         assert gate.value == 2.0
+    # the file of a driven scenario may only change what needs no other drives
+    text = (file := tmp_path / "approach.toml").read_text()
+    for old, new, sentence in (
+        ("gap0", "gap1", "was driven with the parameters gap0, and has gap1 now"),
+        ('"lead"', '"truck"', "requires something of `truck`"),
+    ):
+        more = '[[require]]\ncheck = "min(x(truck)) > 0"\n' if "truck" in new else ""
+        file.write_text(text.replace(old, new) + more)
+        with refusal(sentence):
+            score_run(result.folder)
