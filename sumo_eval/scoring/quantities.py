@@ -9,6 +9,7 @@ are columns of cases.csv and keys of scores.json.
 """
 
 import math
+import sys
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import fields, replace
@@ -63,6 +64,10 @@ _RECORDED = {item.name for item in fields(CaseResult) if item.name != "clips"} &
     item.name for item in fields(Fact)
 }
 """Fields that a row takes from its fact unchanged. Of the clips `tabulate` makes one text."""
+
+
+LIGHTEST = sys.float_info.min
+"""Least loss, 0..1, of a contact of the ideal vehicle: 0 stands for no contact."""
 
 
 class Remarks(NamedTuple):
@@ -193,7 +198,10 @@ def _reference(
     """
     if fact.status not in EVALUATED:
         return {f"{reference}_severity": None, f"{reference}_error": fact.error or fact.status}
-    return {f"{reference}_severity": max(_severity(fact, space) or 0.0, least)}
+    severity = _severity(fact, space)
+    if severity is not None and reference == "ideal" and not space.method.collision.unit:
+        severity = max(severity, LIGHTEST)
+    return {f"{reference}_severity": max(severity or 0.0, least)}
 
 
 def _of_departure(departure: Departure | None, case: str, space: ScenarioRun) -> float:
@@ -260,7 +268,9 @@ def tabulate(
             collided=fact.collision is not None and not struck,
             struck_from_behind=struck,
             severity=severity,
-            beats_ideal=severity is not None and ideal is not None and severity < ideal,
+            beats_ideal=severity is not None
+            and ideal is not None
+            and max(severity, LIGHTEST) < ideal,
             ideal_collided=None if ideal is None else ideal > 0.0,
             task_share=0.0 if fact.status in GAVE_UP else drive.share,
             excused=drive.excused,

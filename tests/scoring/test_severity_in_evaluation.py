@@ -17,6 +17,9 @@ OWN = """
 def by_speed(contact):
     return min(contact.closing_speed / 50.0, 1.0) * contact.ego_mass / (contact.ego_mass + contact.other_mass)
 
+def none_below_100_m_s(contact):
+    return float(contact.closing_speed > 100.0)
+
 def example_only(contact):
     return 0.5 if contact.other == "example" else float("nan")
 """
@@ -96,6 +99,27 @@ def test_another_severity_needs_no_simulation_and_says_where_its_range_ends(foun
         found.folder, ["method.collision.severity=severity", "method.collision.loss=class"]
     )
     assert by_class.scores[0].c == as_before.scores[0].c
+
+
+CLOSE = """
+name = "close"
+parameter = [{ name = "gap0", unit = "m", low = 3.0, high = 6.0, step = 3.0 }]
+ego = { speed = 30.0 }
+vehicle = [{ name = "lead", speed = 5.0, gap = "gap0" }]
+zone = { obstacle = "lead" }
+end = { x = 200.0 }
+"""
+
+
+def test_contact_without_loss_is_a_contact_of_the_ideal_vehicle(tmp_path):
+    (tmp_path / "close.toml").write_text(CLOSE)
+    path = evaluation_file(tmp_path, "own.py:none_below_100_m_s")
+    text = path.read_text().replace("front_vehicle_cut_out", "close.toml")
+    path.write_text(text.replace("levels = 3", "levels = 2"))
+    evaluation = sumo_eval.evaluate(path, tmp_path / "run")
+    for score in evaluation.scores:
+        assert score.unavoidable_collisions == score.collisions == 2
+    assert not any(case.beats_ideal for case in evaluation.cases)
 
 
 def test_a_wrong_loss_names_the_case_and_loses_nothing(found):
