@@ -13,7 +13,7 @@ from sumo_eval.report.page import Json
 from sumo_eval.report.verdict import Additions
 from sumo_eval.report.words import count
 from sumo_eval.results import Evaluation, ScenarioResult
-from sumo_eval.scoring.requirements import SEPARATOR
+from sumo_eval.scoring.requirements import names_missed
 from sumo_eval.text import point_words
 
 PASSED, FAILED, NOT_EVALUATED = "passed", "failed", "not evaluated"
@@ -49,9 +49,8 @@ def checked_cases(
     for score in evaluation.scores if scores is None else scores:
         if score.scenario in evaluation.checks:
             for case in evaluation.cases_behind(score):
-                # None: not evaluated; "": none is missed; both stay as they are
                 text = case.requirements_missed
-                yield CheckedCase(case, text and text.split(SEPARATOR))
+                yield CheckedCase(case, None if text is None else names_missed(text))
 
 
 def check_lines(evaluation: Evaluation) -> Iterator[str]:
@@ -68,8 +67,8 @@ def check_lines(evaluation: Evaluation) -> Iterator[str]:
         order = FAILED, NOT_EVALUATED, PASSED
         shown = nsmallest(MOST_LINES, shown, key=lambda checked: order.index(checked.verdict))
     for checked in shown:
-        why = f": {'; '.join(checked.missed)}" if checked.missed else ""
         case = checked.case
+        why = f": {case.requirements_missed}" if checked.missed else ""
         yield f"  {checked.verdict}  {case.ads} in {case.scenario}, {point_words(case.values)}{why}"
     if number > MOST_LINES:
         yield f"  and {number - MOST_LINES} more, all in checks.csv."

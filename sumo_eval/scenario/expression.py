@@ -19,7 +19,7 @@ import keyword
 import math
 import operator
 import unicodedata
-from collections.abc import Callable, Collection, Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from functools import lru_cache, reduce
 from typing import Any
 
@@ -75,6 +75,17 @@ class Expression:
             for node in ast.walk(_tree(self.text))
             if isinstance(node, ast.Name) and node.id not in MATH_FUNCTIONS
         )
+
+    @property
+    def sides(self) -> Iterator[Expression]:
+        """The numbers that a condition compares."""
+        nodes = [_tree(self.text)]
+        while nodes:
+            name, parts = operation(nodes.pop())
+            if name in ("And", "Or", "Not"):
+                nodes += parts
+            else:
+                yield from (Expression(ast.unparse(part)) for part in parts)
 
     def value(self, values: Mapping[str, ArrayLike]) -> Any:
         """The value as an array; inf or nan where it is not defined, as 1 / 0.

@@ -12,9 +12,10 @@ Users: `scenario/file_tables.py`, `scenario/logical.py`.
 """
 
 import ast
+import math
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -57,6 +58,17 @@ _OVER_TIME: dict[str, Callable[[FloatArray], Any]] = {
 }
 
 
+class Verdict(NamedTuple):
+    """Outcome of a requirement in a drive.
+
+    undecided: moment at which a value of it is not a number (nan), as `inf - inf`, s; for a value
+        of the whole drive, its end. Then it does not hold. None: it is decided.
+    """
+
+    holds: bool
+    undecided: float | None = None
+
+
 @frozen
 class Requirement:
     """A checked requirement.
@@ -66,8 +78,8 @@ class Requirement:
     outer: its condition, with a placeholder for each value over time: `over_time_0 > 2`.
     parts: of each value over time the placeholder, the function of `_OVER_TIME`, and the argument:
         (`over_time_0`, `min`, `x_of_lead - x`).
-    asks: of each quantity of an actor in these arguments the placeholder, the name in `OF_ACTORS`,
-        and the actor: (`x_of_lead`, `x`, `lead`).
+    asks: quantities of actors that these arguments ask for: of each the placeholder, the name in
+        `OF_ACTORS`, and the actor: (`x_of_lead`, `x`, `lead`).
     """
 
     name: str
@@ -82,22 +94,23 @@ class Requirement:
         """The expressions whose names the requirement depends on."""
         return (self.outer, *(inner for _, _, inner in self.parts))
 
-    def holds(self, series: Mapping[str, FloatArray], known: Mapping[str, float]) -> bool:
-        """Whether it holds in a drive of n moments.
+    def check(self, series: Mapping[str, FloatArray], known: Mapping[str, float]) -> Verdict:
+        """Check it in a drive of n moments.
 
         series: by the names in `SERIES` and the placeholders of `asks`, (n,) each.
         known: parameters, options, definitions and `OUTCOMES`, by name.
         """
-        numbers = dict(known)
+        numbers, time = dict(known), series["time"]
         for placeholder, function, inner in self.parts:
-            values = np.broadcast_to(inner.value({**known, **series}), series["time"].shape)
-            if np.isnan(values).any():
-                raise InputError(
-                    f"{function}() in `{self.text}` of requirement `{self.name}` must be of a "
-                    "number at every moment, got nan."
-                )
+            values = np.broadcast_to(inner.value({**known, **series}), time.shape)
             numbers[placeholder] = float(_OVER_TIME[function](values))
-        return bool(self.outer.at(numbers))
+            if math.isnan(numbers[placeholder]):
+                moments = time[np.isnan(values)]
+                return Verdict(False, float(moments[-1 if function == "at_end" else 0]))
+        # `inf - inf` between values over time; a comparison with nan would be False silently
+        if any(math.isnan(side.at(numbers)) for side in self.outer.sides):
+            return Verdict(holds=False, undecided=float(time[-1]))
+        return Verdict(bool(self.outer.at(numbers)))
 
 
 @frozen

@@ -5,8 +5,10 @@ Users: `report/checks.py`, `scoring/quantities.py`, `scoring/steps.py`. Fixed: `
 stands in cases.csv.
 """
 
-from collections import Counter
+import re
+from collections import Counter, defaultdict
 from dataclasses import replace
+from itertools import chain
 
 import numpy as np
 
@@ -25,6 +27,8 @@ from sumo_eval.trajectory import Collision, FloatArray, Trajectories, Trajectory
 
 SEPARATOR = "; "
 """Between the names of missed requirements, in `cases.csv` as well."""
+_UNDECIDED = "{} (undecided at {:.2f} s)"
+_MOMENT = re.compile(r" \(undecided at (\S+) s\)$")  # end of such a text
 
 
 def series_of(
@@ -54,7 +58,8 @@ def series_of(
 
 
 def requirements_missed(fact: Fact, space: ScenarioRun) -> str | None:
-    """Names of the requirements that a drive misses, joined by `SEPARATOR`.
+    """Names of the requirements that a drive misses, joined by `SEPARATOR`. A name has a remark if
+    a value of the requirement is not a number, so that it cannot be decided.
 
     "": it misses none. None: the scenario requires nothing, or the drive was not evaluated.
 
@@ -75,7 +80,7 @@ def requirements_missed(fact: Fact, space: ScenarioRun) -> str | None:
     }
     series = series_of(ego, actors, fact.collision, space.logical.road)
     # quantities of actors: `x(lead)` has the placeholder `x_of_lead`
-    for placeholder, quantity, name in (ask for each in required.all for ask in each.asks):
+    for placeholder, quantity, name in chain.from_iterable(each.asks for each in required.all):
         if name not in actors:
             raise InputError(
                 f"Scenario `{space.name}` requires something of `{name}`, but {fact.case} was "
@@ -91,7 +96,20 @@ def requirements_missed(fact: Fact, space: ScenarioRun) -> str | None:
         }
         # `interp` gives the first or last value before and after the actor's recording
         series[placeholder] = np.interp(ego.time, actor.time, values[quantity])
-    return SEPARATOR.join(each.name for each in required.all if not each.holds(series, numbers))
+
+    entries = []
+    for each in required.all:
+        holds, undecided = each.check(series, numbers)
+        if not holds:
+            entries.append(
+                each.name if undecided is None else _UNDECIDED.format(each.name, undecided)
+            )
+    return SEPARATOR.join(entries)
+
+
+def names_missed(text: str) -> list[str]:
+    """Names of the requirements in a text of `requirements_missed`."""
+    return [_MOMENT.sub("", entry) for entry in text.split(SEPARATOR)] if text else []
 
 
 def with_counts(score: ScenarioResult, rows: CaseTable, logical: LogicalScenario) -> ScenarioResult:
@@ -102,13 +120,21 @@ def with_counts(score: ScenarioResult, rows: CaseTable, logical: LogicalScenario
     """
     if logical.requirements is None:
         return score
-    missed = [text for text in rows.requirements_missed.tolist() if text]
-    # name of a requirement -> number of cases that miss it
-    number = Counter(name for text in missed for name in text.split(SEPARATOR))
+    # name of a requirement -> number of cases that miss it; of these, undecided ones in words
+    number, undecided = Counter[str](), defaultdict[str, list[str]](list)
+    missed = 0
+    for case, text in zip(rows.case.tolist(), rows.requirements_missed.tolist(), strict=True):
+        missed += bool(text)  # "" of a case that misses none, and of one that was not evaluated
+        number.update(names_missed(text))
+        for entry in text.split(SEPARATOR):
+            if moment := _MOMENT.search(entry):
+                undecided[_MOMENT.sub("", entry)].append(f"`{case}` at {moment[1]} s")
     evaluated = int(rows.evaluated.sum())
     notes = [
-        RequirementMissed(each.name, each.text, number[each.name], evaluated)
+        RequirementMissed(
+            each.name, each.text, number[each.name], evaluated, tuple(undecided[each.name])
+        )
         for each in logical.requirements.all
         if number[each.name]
     ]
-    return replace(score, requirements_missed=len(missed), notes=(*score.notes, *notes))
+    return replace(score, requirements_missed=missed, notes=(*score.notes, *notes))

@@ -14,6 +14,7 @@ from tables import rows_of
 from sumo_eval import Trajectory, evaluate
 from sumo_eval import score as score_run
 from sumo_eval.nightly.gates import judge
+from sumo_eval.report.checks import checked_cases
 from sumo_eval.report.junit import run_suites
 from sumo_eval.report.notes import score_note
 from sumo_eval.report.tables import write_tables
@@ -63,24 +64,45 @@ def test_a_requirement_by_hand(text, holds):
     """TTC at the end 5 m / (8 - 4) m/s = 1.25 s, THW 5 / 8 s, jerk -2 m/s3."""
     series = series_of(drive(), {"lead": ahead()}, None, ROAD)
     one = requirement("r", text, "", "a test", ["limit"])
-    assert one.holds(series, {"limit": 2.5, "collided": 0.0, "reached_end": 0.0}) is holds
+    verdict = one.check(series, {"limit": 2.5, "collided": 0.0, "reached_end": 0.0})
+    assert verdict == (holds, None)
 
 
 def test_a_parameter_may_have_the_name_of_a_placeholder():
     one = requirement("r", "max(time) < over_time_0", "", "a test", ["over_time_0"])
-    assert one.holds({"time": np.arange(2.0)}, {"over_time_0": 1.5})
+    assert one.check({"time": np.arange(2.0)}, {"over_time_0": 1.5}).holds
     text = "max(speed(lead) - speed_of_lead) <= 0.5"
     one = requirement("r", text, "", "a test", ["speed_of_lead"], ["lead"])
     ((placeholder, _, _),) = one.asks
     series = {"time": np.arange(2.0), placeholder: np.array([5.0, 20.0])}
-    assert not one.holds(series, {"speed_of_lead": 10.0})
+    assert not one.check(series, {"speed_of_lead": 10.0}).holds
 
 
 def test_without_a_lead_the_gap_is_infinite():
     one = requirement(
         "r", "min(gap) > 1000 and min(ttc) > 1000 and min(thw) > 1000", "", "a test", []
     )
-    assert one.holds(series_of(drive(), {}, None, ROAD), {"collided": 0.0, "reached_end": 0.0})
+    outcomes = {"collided": 0.0, "reached_end": 0.0}
+    assert one.check(series_of(drive(), {}, None, ROAD), outcomes).holds
+
+
+@pytest.mark.parametrize(
+    "text, verdict",
+    rows_of("""
+min(gap - 2 * ttc) > -1000 | [false, 0.0]
+at_end(gap - ttc) < 1 | [false, 2.0]
+max(where(gap < 1000, gap - ttc, 1)) < 2 | [true, null]
+min(gap) - min(ttc) >= 0 | [false, 2.0]
+not (min(gap) - min(ttc) < 0) | [false, 2.0]
+min(gap) > max(thw) or collided == 0 | [true, null]
+"""),
+)  # fmt: skip
+def test_a_requirement_without_a_number_is_undecided(text, verdict):
+    """Without a lead, gap and TTC are infinite, and inf - inf is not a number."""
+    one = requirement("r", text, "", "a test", [])
+    outcomes = {"collided": 0.0, "reached_end": 0.0}
+    check = one.check(series_of(drive(), {}, None, ROAD), outcomes)
+    assert list(check) == json.loads(verdict)
 
 
 @pytest.mark.parametrize(
@@ -135,6 +157,9 @@ name = "keeps clear"
 check = "collided == 0 and min(gap) > 2"
 [[require]]
 check = "at_end(time) > gap0 / 10 - 0.01"
+[[require]]
+name = "no number"
+check = "max(0 * x / (gap0 - 60)) < 1"
 ''')  # fmt: skip
     content = tomllib.loads(f"""
 name = "n"
@@ -150,10 +175,20 @@ ads = [{{ name = "nothing", controller = "no_reaction" }}]
         "2 of 2 cases miss the requirement keeps clear (`collided == 0 and min(gap) > 2`)." in said
     )
     assert not any("at_end(time)" in note for note in said)
+    without_number = result.cases[1]
+    assert without_number.values["gap0"] == 60.0
+    note = next(note for note in said if "no number" in note)
+    assert note.startswith("1 of 2 cases miss the requirement no number (`max(0 * x / (gap0")
+    moment = "0.00 s"
+    assert note.endswith(f"such as inf - inf), first in `{without_number.case}` at {moment}.")
+    assert [it.missed for it in checked_cases(result)] == [
+        ["keeps clear"],
+        ["keeps clear", "no number"],
+    ]
     write_tables(result)
     with (result.folder / "cases.csv").open() as file:
         missed = [row["requirements_missed"] for row in csv.DictReader(file)]
-    assert missed == ["keeps clear"] * 2
+    assert missed == ["keeps clear", f"keeps clear; no number (undecided at {moment})"]
     assert read_json(result.folder / "scores.json")["scores"][0]["requirements_missed"] == 2
     tests = [test for suite, _ in run_suites(result).values() for test in suite]
     assert [test.verdict for test in tests] == ["failure", "failure"]
