@@ -116,17 +116,26 @@ span = partial(interval_words, to=" to ")
 
 
 def percent(share: float | None) -> str:
-    """A share with about three significant digits, e.g. `7.69 %`, and more just below 1."""
+    """A share with about three significant digits, e.g. `7.69 %`, and more just below 1. Only 0 is
+    `0 %`, and only 1 is `100 %`.
+    """
     if share is None or not math.isfinite(share):
         return "not known"
     value = 100.0 * share
-    # digits by the share; where it would round to 100 %, by its distance from 100 %
-    for part in (value, 100.0 - value):
-        digits = min(6, max(0, 2 - math.floor(math.log10(abs(part) or 1.0))))
-        shown = float(f"{value:z.{digits}f}")
-        if shown != 100.0:
-            break
+    rest = 100.0 - value
+    if 0.0 < value < 1e-4:
+        return "less than 0.0001 %"
+    if 0.0 < rest < 1e-4:
+        return "more than 99.9999 %"
+    shown = _rounded_as(value, value)
+    if shown == 100.0:
+        shown = _rounded_as(value, rest)
     return f"{shown:z.15g} %"
+
+
+def _rounded_as(value: float, part: float) -> float:
+    """A value with as many decimals as give a part of it three significant digits."""
+    return round(value, max(0, 2 - math.floor(math.log10(abs(part)))) if part else 0)
 
 
 def count(n: int, noun: str, nouns: str | None = None) -> str:
@@ -163,12 +172,18 @@ def sampling_words(sampling: SamplingSettings, logical: LogicalScenario) -> str:
 def _axes_words(sampling: SamplingSettings, logical: LogicalScenario) -> str:
     """Values of a grid on each axis."""
     levels, steps = sampling.levels, sampling.steps or {}
+    # such an axis has all its values, whatever the levels are
+    listed = [f"{it.name}: {len(it.values)} values" for it in logical.parameters if it.values]
     if isinstance(levels, int):
-        return f"{levels} points on each axis"
+        return ", ".join([*listed, f"{levels} points on each {'other ' if listed else ''}axis"])
     units = {item.name: item.unit_suffix for item in logical.parameters}
     parts = [f"{name}: {points} points" for name, points in (levels or {}).items()]
     parts += [f"{name}: steps of {step:g}{units.get(name, '')}" for name, step in steps.items()]
-    return ", ".join([*parts, f"{'elsewhere ' if parts else ''}the space's own steps"])
+    if not parts:
+        return "the space's own steps"
+    if len(parts) + len(listed) == len(logical.parameters):  # every axis has its words
+        return ", ".join([*parts, *listed])
+    return ", ".join([*parts, "elsewhere the space's own steps"])
 
 
 def placed(sentence: str, case: CaseResult) -> str:

@@ -183,6 +183,11 @@ def test_every_kind_of_note_has_a_sentence_with_its_numbers(kind):
     0.9996, "99.96 %"
     1.0, "100 %"
     0.00012345, "0.0123 %"
+    0.99951, "99.951 %"
+    2e-6, "0.0002 %"
+    1e-7, "less than 0.0001 %"
+    4e-9, "less than 0.0001 %"
+    0.999999999, "more than 99.9999 %"
     """),
         (np.nan, "not known"),
     ],
@@ -227,9 +232,18 @@ def test_the_zone_of_a_case_is_that_of_its_criticality(evaluation, partitions):
     assert learnt.endswith("safe as learnt, for maps and weights")
 
 
-def test_points_of_a_file_are_not_said_to_be_the_scenarios_own():
+def test_the_choice_of_points_in_words():
     logical = catalogue.load("ncap_ccrs")
     assert sampling_words(SamplingSettings(file="own.csv"), logical) == "file, own.csv"
     assert sampling_words(SamplingSettings(levels=3), logical) == "grid, 3 points on each axis"
+    side = catalogue.load("exit_cut")  # `side` has two listed values
+    *speeds, gap, _ = side.names
+    three, some = dict.fromkeys((*speeds, gap), 3), dict.fromkeys(speeds, 3)
+    for levels, axes in (
+        (3, "side: 2 values, 3 points on each other axis"),
+        (three, "ego_speed: 3 points, other_speed: 3 points, gap: 3 points, side: 2 values"),
+        (some, "ego_speed: 3 points, other_speed: 3 points, elsewhere the space's own steps"),
+    ):
+        assert sampling_words(SamplingSettings(levels=levels), side) == f"grid, {axes}"
     for default in (SamplingSettings(), SamplingSettings(levels={})):
         assert sampling_words(default, logical).startswith("ncap_2026, the Euro NCAP matrix")
