@@ -118,8 +118,10 @@ class LimitSettings(Checked):
     scenario: str | None = optional("only this logical scenario; default: each")
     at_least: float | None = optional("smallest value of the new run")
     at_most: float | None = optional("largest value of the new run")
-    worse_by: float | None = optional("largest change for the worse, in the quantity's own unit")
-    worse_by_percent: float | None = optional(
+    worse_by: Annotated[float | None, NotNegative] = optional(
+        "largest change for the worse, in the quantity's own unit"
+    )
+    worse_by_percent: Annotated[float | None, NotNegative] = optional(
         "largest change for the worse, of the base's value", "%"
     )
     tolerance: NotNegativeFloat = setting(
@@ -321,8 +323,6 @@ def _check(limit: LimitSettings, where: str) -> None:
         raise InputError(
             f"{where} must have at_least, at_most, worse_by or worse_by_percent, got none of them."
         )
-    if any(by < 0.0 for by in changes):
-        raise InputError(f"worse_by and worse_by_percent of {where} must be at least 0.")
     if limit.quantity in OF_THE_COMPARISON and (changes or limit.at_least is not None):
         raise InputError(
             f"{where} must have at_most alone for `{limit.quantity}`, which is a change already."

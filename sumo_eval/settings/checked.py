@@ -69,7 +69,7 @@ PositiveInt = Annotated[int, Ge(1)]
 FilledText = Annotated[str, MinLen(1)]
 
 
-@functools.lru_cache(maxsize=64)
+@functools.cache
 def hints_of(cls: Any) -> dict[str, Any]:
     """The annotations of a table of settings by key."""
     return get_type_hints(cls, include_extras=True)
@@ -89,12 +89,13 @@ _KINDS: dict[object, tuple[Any, str]] = {
     str: (str, "a text"), dict: (Mapping, "a table"), tuple: ((list, tuple), "a list"),
     **dict.fromkeys((*_UNIONS, Literal, Any), (object, "")),
 }  # fmt: skip
-# bound, whose only field is its limit: (test of a value and the limit, words with `{}` for it)
+# bound, whose only field is its limit: (test of a value and the limit, words with `{}` for it).
+# `.15g` writes a million in full. `MinLen` is used with 1 alone.
 _CHECKS: dict[type, tuple[Callable[[Any, Any], bool], str]] = {
-    Gt: (operator.gt, "greater than {:g}"), Ge: (operator.ge, "at least {:g}"),
-    Lt: (operator.lt, "less than {:g}"), Le: (operator.le, "at most {:g}"),
+    Gt: (operator.gt, "greater than {:.15g}"), Ge: (operator.ge, "at least {:.15g}"),
+    Lt: (operator.lt, "less than {:.15g}"), Le: (operator.le, "at most {:.15g}"),
     MinLen: (lambda value, least: len(value) >= least, "non-empty"),
-    MultipleOf: (lambda value, step: value % step == 0, "a multiple of {:g}"),
+    MultipleOf: (lambda value, step: value % step == 0, "a multiple of {:.15g}"),
 }  # fmt: skip
 
 
@@ -122,7 +123,8 @@ class Checked:
 class _Rule(NamedTuple):
     """Demands of an annotation on a value.
 
-    form: outermost part of the annotation, e.g. dict of dict[str, float]; of a plain type: None.
+    form: outermost part of the annotation: `dict` of dict[str, float], `tuple`, `Literal` or a
+        union; None for a plain type such as `float`.
     optional: whether None is accepted.
     choices: accepted values of a Literal; empty for other annotations.
     kind, kind_words: as in `_KINDS`; of settings in a table of their own, their class.
@@ -144,7 +146,7 @@ class _Rule(NamedTuple):
         return isinstance(self.kind, type) and issubclass(self.kind, Checked)
 
 
-@functools.lru_cache(maxsize=64)
+@functools.cache
 def _rules(cls: Any) -> dict[str, _Rule]:
     """The rules of a class by key, computed once: settings are made for every case."""
     return {item.name: _rule(hints_of(cls)[item.name]) for item in fields(cls)}
@@ -157,13 +159,14 @@ def _rule(hint: Any) -> _Rule:
     optional = type(None) in parts
     parts = tuple(it for it in parts if it not in (type(None), ...))
     if optional and len(parts) == 1:
-        # The rule of the one kind beside None. `Annotated` must have a mark, and `marks` may be
-        # empty: it also gets the mark None, which checks nothing.
+        # `float | None` has the rule of float, which also accepts None. The mark None checks
+        # nothing: `Annotated` must have a mark, and `marks` may be empty.
         return _rule(Annotated[parts[0], *marks, None])._replace(optional=True)
     kind, kind_words = _KINDS.get(form or base) or (base, "a table")
     bounds = tuple(
         (*_CHECKS[type(mark)], *astuple(mark)) for mark in marks if type(mark) in _CHECKS
     )
+    assert not (bounds and form in _UNIONS), f"{hint}: write a bound at each kind of the union"
     choices = parts if form is Literal else ()
     inner = () if choices else tuple(map(_rule, parts))
     return _Rule(form, optional, choices, kind, kind_words, bounds, inner)
@@ -231,8 +234,12 @@ def fitted(
         mistakes.append(_wrong(place, demand, value, rule.choices))
         return value
     if rule.form is dict:
+        of_key, of_item = rule.inner
+        for key in value:
+            if demand := _unmet(key, of_key):
+                mistakes.append(_wrong(place, f"a table with {demand} as each key", key))
         return {
-            key: fitted(item, rule.inner[1], (*place, key), mistakes, plain=plain)
+            key: fitted(item, of_item, (*place, key), mistakes, plain=plain)
             for key, item in value.items()
         }
     if rule.form is tuple:
@@ -286,9 +293,12 @@ def _fitted_to_any(
         if not of_kind:
             return made
         refusals += of_kind
-    # mistakes in a part of the value say more than the kinds' demands on the whole
-    inside = [mistake for mistake in refusals if mistake.place != place]
-    demand = " or ".join(dict.fromkeys(mistake.demand for mistake in refusals))
+    # Mistakes in a part of the value, or in keys that contradict each other, say more than the
+    # kinds' demands on the whole.
+    inside = [mistake for mistake in refusals if mistake.place != place or not mistake.demand]
+    demands = dict.fromkeys(mistake.demand for mistake in refusals)
+    # last "one table: write [zone], ...": the words after it would be read as a part of it
+    demand = " or ".join(sorted(demands, key=lambda demand: ":" in demand))
     choices = [choice for kind in rule.inner for choice in kind.choices]
     mistakes += inside or [_wrong(place, demand, value, choices)]
     return value

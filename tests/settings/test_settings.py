@@ -7,14 +7,18 @@ import json
 import tomllib
 from dataclasses import fields
 from functools import partial
-from typing import get_args, get_origin, get_type_hints
+from typing import Annotated, Literal, get_args, get_origin, get_type_hints
 
 import numpy as np
 import pytest
+from annotated_types import Ge
 from refusals import refusal, refused
 from tables import rows_of
 
 import sumo_eval.settings as settings_module
+from sumo_eval.errors import InputError
+from sumo_eval.frozen import frozen
+from sumo_eval.scoring.gate_settings import GateSettings, LimitSettings
 from sumo_eval.settings import (
     About,
     AnthropomorphicSettings,
@@ -22,6 +26,7 @@ from sumo_eval.settings import (
     DriverSettings,
     FieldSettings,
     PopulationSettings,
+    RankingSettings,
     ReportSettings,
     SamplingSettings,
     ScoreSettings,
@@ -30,6 +35,7 @@ from sumo_eval.settings import (
     ZoneSettings,
     about,
 )
+from sumo_eval.settings.checked import _rule, read_table, setting
 from sumo_eval.settings.config import SUITES, settings_from
 
 CLASSES = [
@@ -112,6 +118,51 @@ ZoneSettings | {"target": "labels"}
 def test_a_value_outside_its_bounds_is_refused(cls, values, sentence):
     with refused(sentence):
         cls(**values)
+
+
+def test_keys_of_tables_and_large_bounds_are_checked_and_shown():
+    with refused("`weights` of `RankingSettings` must be a table with a text as each key, got 1."):
+        RankingSettings(weights={1: 2.0})
+    with refused("`resamples` of `GateSettings` must be at most 1000000, got 2000000."):
+        GateSettings(resamples=2_000_000)
+    for key in ("worse_by", "worse_by_percent"):
+        with refused(f"`{key}` of `LimitSettings` must be at least 0, got -1.0."):
+            LimitSettings("S", **{key: -1.0})
+
+
+@frozen
+class Inner(Checked):
+    a: int = setting(0, "")
+    b: int = setting(0, "")
+
+    def __post_init__(self):
+        Checked.__post_init__(self)
+        if self.a > self.b:
+            raise InputError("`a` must be at most `b`.")
+
+
+@frozen
+class Outer(Checked):
+    inner: Inner | Literal["none"] = setting("none", "")
+
+
+@pytest.mark.parametrize(
+    "inner, sentence",
+    [
+        ({"a": 1}, "`inner` in f.toml: `a` must be at most `b`."),
+        ([{"a": 1}], "`inner` in f.toml must be 'none' or one table: write [inner], with one "
+        "bracket, not [[inner]], got [{'a': 1}]."),
+    ],
+)  # fmt: skip
+def test_mistakes_in_a_table_that_may_be_a_word(inner, sentence):
+    mistakes = []
+    read_table({"inner": inner}, Outer, (), mistakes)
+    assert [it.sentence("in f.toml") for it in mistakes] == [sentence]
+
+
+def test_a_bound_of_a_whole_union_is_a_programming_error():
+    with pytest.raises(AssertionError, match="write a bound at each kind"):
+        _rule(Annotated[int | dict[str, int], Ge(2)])
 
 
 @pytest.mark.parametrize(
