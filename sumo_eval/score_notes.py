@@ -172,15 +172,16 @@ class RequirementMissed:
     name, text: its name and condition, as in the scenario's file.
     cases: number of cases that miss it.
     of: number of evaluated cases.
-    undecided: key and moment of each case in which it cannot be decided, in words; these are among
-        the cases that miss it.
+    undecided: number of those of them in which it cannot be decided.
+    example: key and moment of the first of these, in words.
     """
 
     name: str
     text: str
     cases: int
     of: int
-    undecided: tuple[str, ...] = ()
+    undecided: int = 0
+    example: str = ""
 
 
 ScoreNote = (

@@ -13,7 +13,7 @@ from sumo_eval.report.page import Json
 from sumo_eval.report.verdict import Additions
 from sumo_eval.report.words import count
 from sumo_eval.results import Evaluation, ScenarioResult
-from sumo_eval.scoring.requirements import names_missed
+from sumo_eval.scoring.requirements import missed_in
 from sumo_eval.text import point_words
 
 PASSED, FAILED, NOT_EVALUATED = "passed", "failed", "not evaluated"
@@ -50,7 +50,9 @@ def checked_cases(
         if score.scenario in evaluation.checks:
             for case in evaluation.cases_behind(score):
                 text = case.requirements_missed
-                yield CheckedCase(case, None if text is None else names_missed(text))
+                yield CheckedCase(
+                    case, None if text is None else [name for name, _ in missed_in(text)]
+                )
 
 
 def check_lines(evaluation: Evaluation) -> Iterator[str]:

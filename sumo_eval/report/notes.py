@@ -181,14 +181,14 @@ def score_note(note: ScoreNote) -> str:
                 f"`{scenario}`, and a table needs {least}"
             )
             return f"Plausibility compares with {compared}."
-        case RequirementMissed(name, text, cases, of, undecided):
+        case RequirementMissed(name, text, cases, of, undecided, example):
             words = f"`{text}`" if name == text else f"{name} (`{text}`)"
             missed = f"{cases} of {count(of, 'case')} miss the requirement {words}."
             if not undecided:
                 return missed
             return (
-                f"{missed} In {len(undecided)} of them it cannot be decided, because a value is "
-                f"not a number (such as inf - inf), first in {undecided[0]}."
+                f"{missed} In {undecided} of them it cannot be decided, because a value is "
+                f"not a number (such as inf - inf), first in {example}."
             )
 
 

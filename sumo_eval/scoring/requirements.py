@@ -5,7 +5,6 @@ Users: `report/checks.py`, `scoring/quantities.py`, `scoring/steps.py`. Fixed: `
 stands in cases.csv.
 """
 
-import re
 from collections import Counter, defaultdict
 from dataclasses import replace
 from itertools import chain
@@ -27,8 +26,8 @@ from sumo_eval.trajectory import Collision, FloatArray, Trajectories, Trajectory
 
 SEPARATOR = "; "
 """Between the names of missed requirements, in `cases.csv` as well."""
-_UNDECIDED = "{} (undecided at {:.2f} s)"
-_MOMENT = re.compile(r" \(undecided at (\S+) s\)$")  # end of such a text
+_UNDECIDED = ": undecided at "
+"""Between the name of a requirement and the moment at which it cannot be decided."""
 
 
 def series_of(
@@ -97,19 +96,20 @@ def requirements_missed(fact: Fact, space: ScenarioRun) -> str | None:
         # `interp` gives the first or last value before and after the actor's recording
         series[placeholder] = np.interp(ego.time, actor.time, values[quantity])
 
-    entries = []
-    for each in required.all:
-        holds, undecided = each.check(series, numbers)
-        if not holds:
-            entries.append(
-                each.name if undecided is None else _UNDECIDED.format(each.name, undecided)
-            )
-    return SEPARATOR.join(entries)
+    verdicts = [(each.name, each.check(series, numbers)) for each in required.all]
+    return SEPARATOR.join(
+        name if undecided is None else f"{name}{_UNDECIDED}{undecided:.2f} s"
+        for name, (holds, undecided) in verdicts
+        if not holds
+    )
 
 
-def names_missed(text: str) -> list[str]:
-    """Names of the requirements in a text of `requirements_missed`."""
-    return [_MOMENT.sub("", entry) for entry in text.split(SEPARATOR)] if text else []
+def missed_in(text: str) -> list[tuple[str, str]]:
+    """Name of each requirement in a text of `requirements_missed`, and the moment at which it
+    cannot be decided, such as `1.50 s`; "": it is decided.
+    """
+    parts = (entry.partition(_UNDECIDED) for entry in text.split(SEPARATOR) if entry)
+    return [(name, moment) for name, _, moment in parts]
 
 
 def with_counts(score: ScenarioResult, rows: CaseTable, logical: LogicalScenario) -> ScenarioResult:
@@ -120,21 +120,21 @@ def with_counts(score: ScenarioResult, rows: CaseTable, logical: LogicalScenario
     """
     if logical.requirements is None:
         return score
-    # name of a requirement -> number of cases that miss it; of these, undecided ones in words
+    # by name of a requirement: number of cases that miss it; those of them that are undecided
     number, undecided = Counter[str](), defaultdict[str, list[str]](list)
-    missed = 0
-    for case, text in zip(rows.case.tolist(), rows.requirements_missed.tolist(), strict=True):
-        missed += bool(text)  # "" of a case that misses none, and of one that was not evaluated
-        number.update(names_missed(text))
-        for entry in text.split(SEPARATOR):
-            if moment := _MOMENT.search(entry):
-                undecided[_MOMENT.sub("", entry)].append(f"`{case}` at {moment[1]} s")
+    texts = rows.requirements_missed.tolist()
+    for case, text in zip(rows.case.tolist(), texts, strict=True):
+        for name, moment in missed_in(text):
+            number[name] += 1
+            if moment:
+                undecided[name].append(f"`{case}` at {moment}")
     evaluated = int(rows.evaluated.sum())
-    notes = [
-        RequirementMissed(
-            each.name, each.text, number[each.name], evaluated, tuple(undecided[each.name])
-        )
-        for each in logical.requirements.all
-        if number[each.name]
-    ]
+    notes = []
+    for each in logical.requirements.all:
+        if number[each.name]:
+            cases = undecided[each.name]
+            counts = number[each.name], evaluated, len(cases), "".join(cases[:1])
+            notes.append(RequirementMissed(each.name, each.text, *counts))
+    # "" of a case that misses none, and of one that was not evaluated
+    missed = sum(map(bool, texts))
     return replace(score, requirements_missed=missed, notes=(*score.notes, *notes))

@@ -188,7 +188,7 @@ ads = [{{ name = "nothing", controller = "no_reaction" }}]
     write_tables(result)
     with (result.folder / "cases.csv").open() as file:
         missed = [row["requirements_missed"] for row in csv.DictReader(file)]
-    assert missed == ["keeps clear", f"keeps clear; no number (undecided at {moment})"]
+    assert missed == ["keeps clear", f"keeps clear; no number: undecided at {moment}"]
     assert read_json(result.folder / "scores.json")["scores"][0]["requirements_missed"] == 2
     tests = [test for suite, _ in run_suites(result).values() for test in suite]
     assert [test.verdict for test in tests] == ["failure", "failure"]
