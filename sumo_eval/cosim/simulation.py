@@ -464,7 +464,7 @@ def _manner(
     if not isinstance(ads, PolicyController):
         return _manner_of_hook(user_code, ads, lambda: wrap(make()))
     policy = ads.target
-    if _asks_traci(policy if policy is not None else ads.act):
+    if _asks_traci(policy):
         return _alone(ASKS_SUMO)
     if takes_arrays(policy):
         if not batches:
@@ -474,12 +474,11 @@ def _manner(
         return _Manner(id(policy), lambda: shared, over_arrays=True)
     if one_case:
         return _Manner(type(ads), lambda: ads)
-    if policy is not None and not inspect.isclass(user_code):
+    if not _gives_fresh_objects(user_code):
         return _alone(ONE_OBJECT)
     if reason := _keeps_state(user_code):
         return _alone(reason)
-    code = user_code if _gives_fresh_objects(user_code) else None
-    return _Manner(type(ads), lambda: wrap(make()), code=code)
+    return _Manner(type(ads), lambda: wrap(make()), code=user_code)
 
 
 def _manner_of_hook(user_code: Any, ads: Adapter, make: Callable[[], Adapter]) -> _Manner:

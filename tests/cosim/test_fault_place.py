@@ -57,6 +57,13 @@ class OverArrays:
         return np.zeros(len(seen.number))
     def close(self):
         fault_place_helper.plan()
+
+def no_number(seen):
+    return "brake"
+
+class Called:
+    def __call__(self, seen):
+        return "brake"
 """
 PLACES = {
     "InHelper": "fault_place_ads.py:7 in act",  # the ADS's own file, not its helper's
@@ -69,6 +76,8 @@ PLACES = {
     "TakesNoReset": "fault_place_ads.py:39 in reset",
     "TakesNoClose": "fault_place_ads.py:43 in close",
     "OverArrays": "fault_place_ads.py:50 in close",
+    "no_number": "fault_place_ads.py:52 in no_number",
+    "Called": "fault_place_ads.py:56 in __call__",
 }
 
 

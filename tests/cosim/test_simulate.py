@@ -200,6 +200,30 @@ def test_answers_for_every_name_do_not_hide_a_step():
     assert recording.ego.speed[-1] < recording.ego.speed[0]
 
 
+class StepOf:
+    """Called itself: its `step` is a number, s."""
+
+    step = 0.05
+
+    def __call__(self, traci, ego, time):
+        return Command(-2.0 * self.step)
+
+
+class Switches:
+    """Its first answer changes what is called next."""
+
+    def act(self, seen):
+        self.act = lambda seen: -2.0
+        return 0.0
+
+
+@pytest.mark.parametrize("ads, speed", [(StepOf, 19.95), (Switches, 19.1)])
+def test_an_object_is_called_by_what_it_has_at_the_step(ads, speed):
+    recording = half_second(ads())
+    assert recording.error is None
+    assert recording.ego.speed[-1] == pytest.approx(speed, abs=0.05)
+
+
 def test_an_object_is_reset_stepped_and_closed_in_this_order():
     ads = Counting()
     assert simulate(case(), ads, SimulationSettings(time_limit=0.1)).error is None

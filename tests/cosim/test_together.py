@@ -243,6 +243,24 @@ def test_every_case_has_a_policy_of_its_own_when_a_class_is_given():
     assert_as_alone(cases, simulate_many(cases, Counts, SHORT), Counts, SHORT)
 
 
+class Called:
+    """A policy that is an object to call; each call brakes more, from 0 at the reset."""
+
+    def reset(self, scenario):
+        self.calls = 0
+
+    def __call__(self, seen):
+        self.calls += 1
+        return -0.1 * self.calls
+
+
+def test_one_object_to_call_drives_its_cases_in_order():
+    cases, why = behind(10.0, 15.0), Counter()
+    together = list(simulate_many(cases, Called(), SHORT, alone=why))
+    assert why == {ONE_OBJECT: 2}
+    assert_as_alone(cases, together, Called, SHORT)
+
+
 LAST = {}
 
 

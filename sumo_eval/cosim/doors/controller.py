@@ -22,7 +22,6 @@ from pathlib import Path
 from typing import Any, Protocol, cast
 
 from sumo_eval.cosim.doors.entry import PLAIN, Entry, check_options, made, read_query, split_entry
-from sumo_eval.cosim.doors.observation import Observation
 from sumo_eval.cosim.doors.traci_module import TRACI, seen_as_traci
 from sumo_eval.cosim.doors.traci_numbers import finite_number, shown
 from sumo_eval.cosim.plans import Plan, Wanted
@@ -120,6 +119,12 @@ class Adapter:
             close()
 
 
+def _method(target: Any, name: str) -> Callable[..., Any]:
+    """An object's method of this name; the function or callable object itself if it has none."""
+    own = getattr(target, name, None)  # may be a number: a callable object's own step, s
+    return cast(Callable[..., Any], own if callable(own) else target)
+
+
 @dataclass(slots=True)
 class ObjectController(Adapter):
     """A function (traci, ego, time), or an object with such a `step`; its `reset` and `close` are
@@ -130,7 +135,7 @@ class ObjectController(Adapter):
 
     def step(self, traci: Any, ego: str, time: float) -> Any:
         """Call the object's `step`, or the function."""
-        return getattr(self.target, "step", self.target)(traci, ego, time)
+        return _method(self.target, "step")(traci, ego, time)
 
 
 @dataclass(slots=True)
@@ -151,15 +156,16 @@ class ListenerController(Adapter):
 
 @dataclass(slots=True)
 class PolicyController(Adapter):
-    """A policy: a function `(observation)`, or an object with `act(observation)`.
-
-    act: the function, or the object's method.
-    target: the object; None for a function.
+    """A policy: a function `(observation)`, or an object with `act(observation)`; its `reset` and
+    `close` are optional.
     """
 
-    act: Callable[[Observation], Any]
     target: Any
     is_policy = True
+
+    def act(self, seen: Any) -> Any:
+        """Call the object's `act`, or the function."""
+        return _method(self.target, "act")(seen)
 
     def reset(self, scenario: Briefing, traci: Any, ego: str) -> None:
         """Call the object's `reset` with the briefing, if it has one."""
@@ -496,7 +502,7 @@ def adapted(target: Any, described: str, options: Mapping[str, Any]) -> Adapter:
             raise InputError(refusal)
         if inspect.isclass(target):
             target = made(target, options, described)
-        elif options and hasattr(target, "options"):  # a program, of `exec:` or `traci:`
+        elif options and isinstance(target, Adapter) and hasattr(target, "options"):  # a program
             target.options = dict(options)
             _own_model(target)  # refused before the first case
         elif options:
@@ -528,13 +534,13 @@ def _adapter_of(target: Any) -> Adapter | None:
     if isinstance(target, TRACI.StepListener):
         return ListenerController(target)
     if (call := called_by(target)) == "act":
-        return PolicyController(target.act, target)
+        return PolicyController(target)
     if call == "step":
         return ObjectController(target)
     if not callable(target):
         return None
     if _takes_one_argument(target):
-        return PolicyController(target, None)
+        return PolicyController(target)
     return ObjectController(target)
 
 

@@ -38,7 +38,7 @@ def fault_place(error: BaseException | None, controller: Any, folder: Path | Non
     controller: the user's object or function.
     folder: paths within it are relative to it; None: the working directory.
     """
-    methods = ["act", "step"]
+    methods = ["act", "step", "__call__"]
     own_file = _file_of(controller)
     by_door = type(error) is ControllerError  # the libraries of a door are not the user's
     for each in _with_causes(error):

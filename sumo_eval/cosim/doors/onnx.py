@@ -159,9 +159,7 @@ def from_locator(text: str, folder: Path) -> PolicyController:
     options = read_query(query, f"ADS `onnx:{text}`", "features=FILE&output=NAME")
     check_known(f"option of ADS `onnx:{text}`", ("features", "output"), *options)
     table = folder / options["features"] if "features" in options else None
-    policy = OnnxPolicy(folder / file, table, options.get("output"))
-    # over arrays, as `batch` says
-    return PolicyController(policy.act, policy)  # type: ignore[arg-type]
+    return PolicyController(OnnxPolicy(folder / file, table, options.get("output")))
 
 
 def _session(model: Path) -> Any:
