@@ -58,7 +58,8 @@ class Noise(NamedTuple):
     """Random variation of the ADSs in a night.
 
     repeats: ADS that was driven twice -> its repeats.
-    bad: newly bad case of a noisy ADS -> number of its bad drives tonight, the first included.
+    bad: newly bad case of a noisy ADS -> number of its drives tonight, the first included, that are
+        bad compared with one base.
     shaky: cases that in an earlier good night were bad in some drives and not in others.
     steady: ADSs that in the base drove every repeated case alike to the last bit. None of their
         newly bad cases is chance.
