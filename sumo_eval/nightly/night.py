@@ -218,7 +218,7 @@ def _unfinished(folder: Path, *, resumed: bool) -> Iterator[None]:
     """A block whose failure is reported as a night that is not finished."""
     try:
         yield
-    except KeyboardInterrupt:
+    except (KeyboardInterrupt, StoppedError):  # the text of a StoppedError is that of `run`
         raise StoppedError(
             f"Stopped. The same command with --resume continues night {folder.name}."
         ) from None

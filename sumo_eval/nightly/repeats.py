@@ -14,7 +14,6 @@ import numpy as np
 
 from sumo_eval.case_table import CaseTable
 from sumo_eval.cases import CaseResult
-from sumo_eval.errors import StoppedError
 from sumo_eval.evaluation import score
 from sumo_eval.nightly.history import ShakyCase
 from sumo_eval.nightly.rule_limits import end_change
@@ -129,8 +128,6 @@ def _copy_without(evaluation: Evaluation, cases: Iterable[str], folder: Path) ->
             store.unseal()
             store.remove(cases)
         yield
-    except StoppedError:  # its text names the copy
-        raise KeyboardInterrupt from None
     finally:
         shutil.rmtree(folder, ignore_errors=True)
 

@@ -9,6 +9,7 @@ Users: `cli/run.py`, `cli/tools.py`, `evaluation.py`, `nightly/night.py`, `night
 
 import math
 import os
+import shlex
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
@@ -217,8 +218,8 @@ def record_facts(
             _record_alongside(meanwhile, spaces, plan, store, progress, stopping)
         except (StoppedError, KeyboardInterrupt):
             raise StoppedError(
-                f"Stopped. {_counted(store).drives} drives are recorded in {folder}; "
-                "the same command with --resume continues."
+                f"Stopped. {_counted(store).drives} drives are recorded in {folder}; the same "
+                f"command with --out {shlex.quote(str(folder))} --resume continues."
             ) from None
         store.seal()
         return replace(_counted(store), notes=notes)

@@ -643,6 +643,10 @@ def test_a_noisy_ads_is_found_and_its_new_collision_rerun(tmp_path, monkeypatch)
         patched.setattr("sumo_eval.nightly.repeats.record_facts", stop_rerun)
         with pytest.raises(StoppedError, match=r"^Stopped. The same command with --resume"):
             run(file, history)
+    with monkeypatch.context() as patched:  # the text of `run` names `--out`, which nights lack
+        patched.setattr("sumo_eval.nightly.night.record_rounds", stop_rerun)
+        with pytest.raises(StoppedError, match=r"^Stopped. The same command with --resume"):
+            run(file, history, resume=True)
     with monkeypatch.context() as patched:
         patched.setattr("sumo_eval.nightly.night.write_assessed_report", stop)
         with pytest.raises(StoppedError):

@@ -189,7 +189,8 @@ def test_ctrl_c_once_ends_the_cases_and_says_how_to_resume(whole, run, path):
     _, errors = process.communicate(timeout=60)
     assert process.returncode == 130, errors
     assert "Ctrl-C once more stops at once" in errors
-    assert "the same command with --resume continues" in errors
+    # without --out the folder has a name of its own: the command must name it
+    assert f"the same command with --out {run} --resume continues" in errors
     assert "Traceback" not in errors
     assert_continues(path, whole)
 
