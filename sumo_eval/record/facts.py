@@ -61,6 +61,7 @@ from sumo_eval.settings.config import (
     settings_from,
 )
 from sumo_eval.settings.random_streams import random_stream
+from sumo_eval.settings.toml_file import refuse_unfit
 from sumo_eval.text import shown
 
 Evaluable = EvaluationSettings | Mapping[str, Any] | str | os.PathLike[str] | None
@@ -119,6 +120,8 @@ def settings_of(
             for it in ads
         )
         settings = replace(settings, ads=tuple(entries))
+        for entry in settings.ads:  # the run's own file must hold it, with the path of its folder
+            refuse_unfit(entry.controller, "The path of an ADS")
     check_evaluation(settings, "`ads`" if ads else "the evaluation")
     changed = {name: value for name, value in changes.items() if value is not None}
     return replace(

@@ -137,6 +137,6 @@ def _hash(code: set[Code]) -> str:
 
 def _note(run: Path) -> Path:
     """The file in the user's state folder that holds the hash of a run's code."""
-    path = str(run.resolve())
+    path = os.fsencode(run.resolve())  # bytes: a path need not be UTF-8
     state = os.environ.get("XDG_STATE_HOME") or os.path.expanduser("~/.local/state")
     return Path(state, "sumo_eval", "runs", sha256(path)[:32])

@@ -44,6 +44,7 @@ def write_page(path: Path, page: str, what: str) -> Path:
 
     what: begins the error message if it cannot be written, e.g. `The report`.
     """
+    page = page.encode(errors="backslashreplace").decode()  # a path in it need not be UTF-8
     with writing(f"{what} {path}", path.parent):
         write_whole(path, page)
     return path

@@ -1,7 +1,7 @@
 """The one reader of the user's TOML files: every mistake in a file becomes an error message.
 
-Users: `cli/tools.py`, `extras/wheel/command.py`, `scenario/file.py`, `settings/checked.py`,
-`settings/config.py`.
+Users: `cli/tools.py`, `extras/wheel/command.py`, `record/facts.py`, `scenario/file.py`,
+`settings/checked.py`, `settings/config.py`.
 """
 
 import os
@@ -125,11 +125,11 @@ def toml_from(text: str, where: str) -> dict[str, Any]:
     # TOMLDecodeError is a ValueError; so is the error of a number with thousands of digits
     except ValueError as error:
         raise InputError(f"{where} is not valid TOML: {words_of(error)}.") from error
-    _refuse_unfit(content, where)
+    refuse_unfit(content, where)
     return content
 
 
-def _refuse_unfit(value: Any, where: str, depth: int = 0) -> None:
+def refuse_unfit(value: Any, where: str, depth: int = 0) -> None:
     """Refuse deep nesting, control characters in a text, and integers of more than 64 bits: no
     setting can have these.
     """
@@ -139,7 +139,7 @@ def _refuse_unfit(value: Any, where: str, depth: int = 0) -> None:
         value = [*value, *value.values()]  # keys are texts too
     if isinstance(value, list):
         for item in value:
-            _refuse_unfit(item, where, depth + 1)
+            refuse_unfit(item, where, depth + 1)
     # line breaks and tabs are allowed
     elif isinstance(value, str) and UNFIT.search(value.replace("\r", "")):
         raise InputError(f"{where} must hold text without control characters, got {shown(value)}.")

@@ -1,10 +1,12 @@
 """The code that a run names is run for a run of one's own, and for nobody else's."""
 
 import json
+import os
 import shlex
 import shutil
 
 import pytest
+from commands import in_a_process
 from commands import sumo_eval as sumo_eval_cli
 from refusals import refusal
 from tables import rows_of
@@ -197,7 +199,8 @@ def test_advice_for_a_run_whose_only_code_is_its_ads_works(tmp_path, monkeypatch
     trust._trusted.clear()
     trust.trust_what_is_opened(False)
     for command in (("run", "--out", run, "--resume"), ("verify", run)):
-        assert said(*command)[0] == 0
+        done = in_a_process(*command, errors="replace")
+        assert done.returncode == 0, done.stderr
 
 
 def test_code_that_the_evaluation_names_is_the_users(foreign, tmp_path):
@@ -214,3 +217,22 @@ def test_state_folder_that_takes_nothing_ends_no_run(own, tmp_path, monkeypatch)
     (tmp_path / "state").write_text("a file in its place")
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
     assert sumo_eval.evaluate(own / "source" / "evaluation.toml", tmp_path / "run").scores
+
+
+def test_a_run_in_a_folder_whose_name_is_not_utf8(own, tmp_path, another_process):
+    run = tmp_path / os.fsdecode(b"r\xff")
+    shutil.copytree(own / "run", run)
+    for command in (("report", run, "--trust"), ("score", run)):  # the second finds a note
+        done = in_a_process(*command, errors="replace")
+        assert done.returncode == 0, done.stderr
+    assert r"r\udcff" in (run / "report.html").read_text("utf-8")
+
+
+def test_an_ads_whose_path_no_evaluation_file_can_hold(tmp_path):
+    folder = tmp_path / os.fsdecode(b"s\xff")
+    folder.mkdir()
+    (folder / "code.py").write_text(CODE)
+    status, words = said("run", "--ads", folder / "code.py:mine", "--out", tmp_path / "run")
+    assert status == 2
+    assert words.startswith("sumo-eval: The path of an ADS must hold text without control")
+    assert not (tmp_path / "run").exists()
