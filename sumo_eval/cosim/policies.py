@@ -347,7 +347,7 @@ class OverArrays(Policies):
         """
         started = clock.perf_counter()
         try:
-            answer = np.asarray(self._policy.act(seen), float)
+            given = np.asarray(self._policy.act(seen))
             overdue = clock.perf_counter() - started > self._terms.step_timeout * rows
         except ControllerTimeoutError:  # raised by the watch over the process
             overdue = True
@@ -355,12 +355,16 @@ class OverArrays(Policies):
             raise ControllerTimeoutError(
                 f"The ADS must answer within {self._terms.step_timeout:g} s a case, took longer"
             )
-        if answer.shape not in ((rows,), (rows, 1), (rows, 2)):
+        if given.shape not in ((rows,), (rows, 1), (rows, 2)):
             raise ControllerError(
                 f"The actions of the ADS must have the shape ({rows},) or ({rows}, 2), got "
-                f"{answer.shape}"
+                f"{given.shape}"
             )
-        return answer
+        if given.dtype.kind not in "fiuO":  # O: a type of its own, of which `float` makes a number
+            raise ControllerError(
+                f"The actions of the ADS must be real numbers, got an array of {given.dtype}"
+            )
+        return np.asarray(given, float)
 
     def release(self, world: World, row: int) -> None:
         """Close the policy when the last row has ended."""

@@ -351,6 +351,19 @@ def test_a_policy_over_arrays_that_gives_too_few_actions_fails_all_cases_of_the_
         )
 
 
+@pytest.mark.parametrize("action", ["1.5", True, 1.0 + 1.0j])
+def test_arrays_of_what_is_no_real_number_are_no_actions(action):
+    class Gives:
+        batch = True
+
+        def act(self, seen):
+            return np.full(len(seen.number), action)
+
+    for recording in simulate_many(points("cut_in", 997), Gives, SHORT):
+        assert recording.end_reason == "ads_error"
+        assert "must be real numbers, got an array of" in recording.error
+
+
 def test_a_fault_in_a_call_over_arrays_belongs_to_all_its_cases_and_a_bad_number_to_its_row():
     class Raises(AllAtOnce):
         def act(self, seen):

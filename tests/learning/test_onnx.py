@@ -253,6 +253,13 @@ def test_an_answer_that_is_not_a_number_ends_the_case(tmp_path):
     assert "must be a finite number, got nan" in (recording.error or "")
 
 
+@pytest.mark.parametrize("output", [np.inf, -np.inf, np.nan])
+def test_a_range_makes_no_command_of_an_infinite_output(output):
+    assert ACC.commands(np.array([[output], [2.0]]))[:, 0] == pytest.approx(
+        [np.nan, 3.0], nan_ok=True
+    )
+
+
 def test_a_choice_that_is_not_there_ends_the_case(tmp_path):
     choices = Interface((Feature("ego.speed"),), (Action("acceleration", values=(-1.0, 0.0)),))
     path = write_model(tmp_path, [(np.zeros((1, 2)), np.array([0.1, 0.3]))], choices)

@@ -124,11 +124,13 @@ class Action(Checked):
         _check_range(self.name, self.low, self.high)
 
     def unscaled(self, outputs: Floats) -> Floats:
-        """Accelerations, m/s2, or steering wheel angles, rad, of outputs of the policy."""
+        """Accelerations, m/s2, or steering wheel angles, rad, of outputs of the policy; not finite
+        where an output is not.
+        """
         if self.low is None or self.high is None:
             return outputs
-        share = 0.5 * (np.clip(outputs, -1.0, 1.0) + 1.0)  # 0..1; nan stays nan
-        return self.low + share * (self.high - self.low)
+        share = 0.5 * (np.clip(outputs, -1.0, 1.0) + 1.0)  # 0..1
+        return np.where(np.isfinite(outputs), self.low + share * (self.high - self.low), np.nan)
 
 
 @dataclass(frozen=True)
