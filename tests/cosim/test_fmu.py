@@ -457,10 +457,11 @@ def test_what_does_not_fit_is_refused_before_anything_runs(feedthroughs, locator
         load_controller(locator, feedthroughs)
 
 
-def test_a_whole_number_that_its_type_cannot_hold_ends_the_case(feedthroughs):
-    locator = f"{THREE}&inputs.count=lead_kind&outputs.acceleration=speeds[2]"
+@pytest.mark.parametrize("signal, value", [("lead_kind", "-1"), ("change_by", "nan")])
+def test_a_whole_number_that_its_type_cannot_hold_ends_the_case(feedthroughs, signal, value):
+    locator = f"{THREE}&inputs.count={signal}&outputs.acceleration=speeds[2]"
     recording = half_second(locator, folder=feedthroughs)
-    assert_ended(recording, "ads_error", "is of type UInt64, which cannot hold -1")
+    assert_ended(recording, "ads_error", f"is of type UInt64, which cannot hold {value}")
 
 
 FMI_1 = (

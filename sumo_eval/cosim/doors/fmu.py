@@ -404,6 +404,8 @@ def _plain(kind: str, value: Any) -> Any:
     """A value as a type of FMI, whole numbers rounded; None: the type cannot hold it."""
     if kind in _MAKERS:
         return _MAKERS[kind](value)
+    if not isfinite(value):  # `change_by` of an ego that may keep its lane
+        return None
     whole = round(value)
     span = 1 << _WHOLE[kind]
     low = 0 if kind.startswith("U") else -span // 2
