@@ -218,7 +218,13 @@ class _Hook:
                 f"After the ADS's step at {time:.2f} s SUMO cannot move the ego: {said(error)}."
             ) from error
         if self._settled is not None:
-            self.motion.flags[_SETTLED] = bool(self._settled())
+            fault = error_of(self._read_settled, self._settled)
+            if fault is not None:
+                self._blamed(fault, f"at {time:.2f} s", time)
+
+    def _read_settled(self, settled: Callable[[], Any]) -> None:
+        """Note whether the ADS says that it will do nothing new."""
+        self.motion.flags[_SETTLED] = bool(settled())
 
     def _held(self, time: float) -> tuple[Command | None, None]:
         """The command between two calls, without a wall time; None: SUMO moves the ego."""

@@ -247,6 +247,8 @@ class OneEach(Policies):
                     raise ControllerTimeoutError(
                         f"The ADS must answer within {terms.step_timeout:g} s, took longer"
                     )
+                if (settled := self._settled[case]) is not None:
+                    world.egos["settled"][row] = bool(settled())
             except KeyboardInterrupt:
                 raise
             except BaseException as error:  # noqa: BLE001 - passed to `_fail`
@@ -255,8 +257,6 @@ class OneEach(Policies):
                 continue
             world.latencies.own[case].append(took)
             commands[row] = answer
-            if (settled := self._settled[case]) is not None:
-                world.egos["settled"][row] = bool(settled())
         if commands:
             self._commands[list(commands)] = list(commands.values())
         self._check(world, time)

@@ -182,6 +182,31 @@ def test_a_policy_over_arrays_says_of_each_of_its_rows_whether_it_is_settled():
     )
 
 
+class Unsettled:
+    """Fails where it is asked whether it has settled."""
+
+    def settled(self):
+        raise ValueError("not yet")
+
+
+class UnsettledPolicy(Unsettled):
+    def act(self, seen):
+        return 0.0
+
+
+class UnsettledHook(Unsettled):
+    def step(self, traci, ego, time):
+        return Command(0.0)
+
+
+@pytest.mark.parametrize("ads", [UnsettledPolicy, UnsettledHook])
+def test_an_ads_that_raises_in_settled_ends_its_case(ads):
+    recordings = [simulate(case(), ads, DECIDED), *simulate_many([case()] * 2, ads, DECIDED)]
+    for recording in recordings:
+        assert recording.end_reason == "ads_error"
+        assert recording.error == "The ADS raised at 0.00 s: ValueError: not yet."
+
+
 def test_recordings_have_the_order_of_the_cases_in_any_batch(monkeypatch):
     monkeypatch.setattr(simulating, "TOGETHER", 3)
     monkeypatch.setattr(simulating, "SORTED_AT_ONCE", 5)
