@@ -3,8 +3,8 @@ that it depends on. `scoring` keeps its results here.
 
 A result depends only on recorded facts, settings and sources, and is kept under their hash. A
 caller that finds a result under this hash uses it instead of computing it again. The file may be
-deleted: its results are then computed again. Every part also carries a hash of its own content, so
-that a damaged part is an error, never a number.
+deleted: its results are then computed again, except those of discarded trajectories. Every part
+also carries a hash of its own content, so that a damaged part is an error, never a number.
 
 Users: `evaluation.py`, `record/`, `report/assessed.py`, `scoring/`.
 """
@@ -47,7 +47,10 @@ BEGIN; CREATE TABLE IF NOT EXISTS parts (
     PRIMARY KEY (kind, key, place)
 ); PRAGMA user_version = {_VERSION}; COMMIT;
 """
-_MEND = "It may be deleted: what it holds is computed again from the recorded facts."
+_MEND = (
+    "It may be deleted, unless `[run] keep` has discarded trajectories: what it holds is computed "
+    "again from the recorded facts."
+)
 
 
 def key_of(*parts: object) -> bytes:
