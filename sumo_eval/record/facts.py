@@ -40,6 +40,7 @@ from sumo_eval.record.recording import (
     find_stale,
     planner,
     record,
+    refuse_to_compare_with_discarded,
     refuse_to_lose_cases,
     stages,
 )
@@ -210,7 +211,7 @@ def record_facts(
     compile_loops(settings, spaces, progress)
     with (
         run_folder.only_writer(folder, resume=resume),
-        _filled_folder(folder, run, spaces, another_round=another_round) as store,
+        _filled_folder(folder, run, spaces, plan, another_round=another_round) as store,
     ):
         remember(folder, settings, source)
         # of recorded drivers, and of ADSs whose files have changed
@@ -261,10 +262,17 @@ def compile_loops(
 
 @contextmanager
 def _filled_folder(
-    folder: Path, run: Resolved, spaces: Sequence[Space], *, another_round: bool = False
+    folder: Path,
+    run: Resolved,
+    spaces: Sequence[Space],
+    plan: Planner | None = None,
+    *,
+    another_round: bool = False,
 ) -> Iterator[Store]:
     """Context with the store of a run folder, whose other files are written and whose shard is
     noted.
+
+    plan: of a run that may continue; None: a new one.
 
     Raises InputError if the run in the folder cannot continue as this one, before a file changes.
     """
@@ -276,6 +284,9 @@ def _filled_folder(
                     f"Run {folder} is shard {before}; it cannot continue as shard {shard}."
                 )
             refuse_to_lose_cases(store, spaces, run.settings, folder)
+            if plan is not None:
+                find_stale(store, run.source)  # `store.holds` is False for cases of stale ADSs
+                refuse_to_compare_with_discarded(store, spaces, plan, folder)
     run_folder.create(
         folder, run.settings, run.source, map(_middle, spaces), another_round=another_round
     )

@@ -451,6 +451,25 @@ def refuse_to_lose_cases(
                 )
 
 
+def refuse_to_compare_with_discarded(
+    store: Store, spaces: Sequence[Space], plan: Planner, run: Path
+) -> None:
+    """Refuse further cases of a scenario in which trajectories of drivers were discarded: scoring
+    needs these, so the run could not be scored any more.
+    """
+    discarded = store.without_drivers()
+    for space in spaces:
+        for stage in stages(space, plan) if space.logical.name in discarded else ():
+            # references are not compared with drivers
+            for case in stage.cases if stage.role in ("ads", "human") else ():
+                if not store.holds(case):
+                    raise InputError(
+                        f"Run {run} cannot take another drive of case {case.key}: trajectories of "
+                        "drivers, which its score needs, were discarded after scoring "
+                        "(`[run] keep`). Give the changed evaluation a folder of its own."
+                    )
+
+
 def _own_drives(plan: Planner, number: int, concrete: ConcreteScenario) -> Iterator[Outcome]:
     """Outcomes with the trajectories that the user's function returns for a concrete scenario."""
     locator = plan.run.settings.drivers.source

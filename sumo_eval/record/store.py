@@ -76,6 +76,14 @@ class Store(FactsFile):
         """Whether the trajectories of a case were deleted after it was scored."""
         return self._first('SELECT 1 FROM let_go WHERE "case" = ?', case) is not None
 
+    def without_drivers(self) -> set[str]:
+        """Scenarios in which trajectories of human drivers were discarded."""
+        rows = self._read(
+            'SELECT DISTINCT scenario FROM let_go JOIN facts USING ("case") WHERE role = ?',
+            ("human",),
+        )
+        return {scenario for (scenario,) in rows}
+
     def no_trajectory(self, case: str) -> InputError:
         """Error that says why a case has no trajectories."""
         if self.is_discarded(case):

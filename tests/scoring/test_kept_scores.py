@@ -195,6 +195,11 @@ def test_a_run_without_its_trajectories_keeps_its_scores(done, copy, monkeypatch
         known_case(copy, lost.case),
     )
     assert any("its trajectories were discarded" in line for line in lines)
+    other = [replace(scored.settings.ads[0], name="other")]
+    before = (copy / "evaluation.toml").read_text()
+    with refusal("cannot take another drive of case .*-other: trajectories of drivers"):
+        sumo_eval.evaluate(scored.settings, copy, resume=True, ads=[*scored.settings.ads, *other])
+    assert (copy / "evaluation.toml").read_text() == before
     compute_nothing(monkeypatch)
     assert sumo_eval.score(copy, ["method.score.k5=0.5"]).scores[0].d == done.scores[0].d
 
