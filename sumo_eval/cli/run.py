@@ -2,6 +2,7 @@
 reproduced.
 """
 
+import shlex
 import sys
 from collections import defaultdict
 from dataclasses import replace
@@ -29,6 +30,7 @@ from sumo_eval.cli.progress import Progress
 from sumo_eval.cli.sentences import say, tell
 from sumo_eval.cli.stopping import heard, stop_on_signal
 from sumo_eval.cli.tools import refuse_a_bare_file
+from sumo_eval.errors import StoppedError
 from sumo_eval.text import without_numbers
 
 
@@ -125,7 +127,13 @@ def run(
     say(recorded.notes)
     if part != WHOLE:
         _leave_shard(shard, folder, recorded.drives, recorded.not_evaluated)
-    result = scored(folder, resolved=resolved)
+    try:
+        result = scored(folder, resolved=resolved)
+    except KeyboardInterrupt:
+        raise StoppedError(
+            f"Stopped. All drives are recorded in {folder}; continue with: "
+            f"sumo-eval run --out {shlex.quote(str(folder))} --resume."
+        ) from None
     discard_trajectories(result)
     finish(result, everything=everything)
 

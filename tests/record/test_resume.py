@@ -195,6 +195,15 @@ def test_ctrl_c_once_ends_the_cases_and_says_how_to_resume(whole, run, path):
     assert_continues(path, whole)
 
 
+def test_ctrl_c_during_scoring_says_where_the_drives_are(whole, monkeypatch):
+    def stop(*_, **__):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("sumo_eval.cli.run.scored", stop)
+    done = sumo_eval_cli("run", "--out", whole, "--resume", status=130)
+    assert f"are recorded in {whole}; continue with: sumo-eval run --out {whole} --" in done.stderr
+
+
 def children_of_fork_servers(root):
     """All living processes below `root`."""
     parents = {}
