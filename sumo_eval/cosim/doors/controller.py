@@ -119,12 +119,6 @@ class Adapter:
             close()
 
 
-def _method(target: Any, name: str) -> Callable[..., Any]:
-    """An object's method of this name; the function or callable object itself if it has none."""
-    own = getattr(target, name, None)  # may be a number: a callable object's own step, s
-    return cast(Callable[..., Any], own if callable(own) else target)
-
-
 @dataclass(slots=True)
 class ObjectController(Adapter):
     """A function (traci, ego, time), or an object with such a `step`; its `reset` and `close` are
@@ -135,7 +129,8 @@ class ObjectController(Adapter):
 
     def step(self, traci: Any, ego: str, time: float) -> Any:
         """Call the object's `step`, or the function."""
-        return _method(self.target, "step")(traci, ego, time)
+        own = getattr(self.target, "step", None)  # may be a number: a callable's own step, s
+        return (own if callable(own) else self.target)(traci, ego, time)
 
 
 @dataclass(slots=True)
@@ -165,7 +160,8 @@ class PolicyController(Adapter):
 
     def act(self, seen: Any) -> Any:
         """Call the object's `act`, or the function."""
-        return _method(self.target, "act")(seen)
+        own = getattr(self.target, "act", None)  # asked at every step, as the object may change it
+        return (own if callable(own) else self.target)(seen)
 
     def reset(self, scenario: Briefing, traci: Any, ego: str) -> None:
         """Call the object's `reset` with the briefing, if it has one."""
