@@ -96,11 +96,12 @@ class Stage:
             cases, ads_asks=ads_asks, as_read=as_read
         )
         actors = [name for names in self.names for name in names[1:]]
-        fronts = world.others[["front_x", "front_y"]]
-        world.shown[:, :, 0], world.shown[:, :, 1] = fronts["front_x"], fronts["front_y"]
+        front_x, front_y = world.others["front_x"], world.others["front_y"]
+        world.shown[:, :, 0], world.shown[:, :, 1] = front_x, front_y
         self.speeds: dict[str, float] = {}  # m/s, of vehicles as read after the last step
         # x and y of front bumpers, m, of vehicles as last read; of actors at first at their start
-        self.fronts = dict(zip(actors, fronts.ravel().tolist(), strict=True))
+        fronts = zip(front_x.ravel().tolist(), front_y.ravel().tolist(), strict=True)
+        self.fronts = dict(zip(actors, fronts, strict=True))
         # in a curve, actors with a place on the map: SUMO drives no lane backwards
         on_map = (
             actor.on_map is not None or math.cos(actor.heading) < 0.0

@@ -210,10 +210,11 @@ class World:
         self.tell = np.zeros((n * (1 + m), 8))  # as in `move_rows`
         room = 512 if n == 1 else 64  # instants
         self._free = room - 3  # free instants of `samples`, less the first and two spare
-        self.samples = np.zeros((n, 1 + m, room, len(CHANNELS)))
+        # `empty`: no kernel reads what none has written
+        self.samples = np.empty((n, 1 + m, room, len(CHANNELS)))
         every = round(settings.record_interval / settings.step)  # steps from one sample to the next
         model = placed == MODEL and settings.plant is None  # the vehicle model moves all egos
-        self.kept = np.zeros((n, room * every, 2 if model else 6))
+        self.kept = np.empty((n, room * every, 2 if model else 6))
 
     def begin_as_model(self, case: int) -> None:
         """Begin a case again, before its first step: the vehicle model takes over the ego."""
@@ -404,12 +405,9 @@ class World:
 
 
 def _twice_as_long(array: FloatArray) -> FloatArray:
-    """An array, (..., instants, values), with room for twice the instants.
-
-    `np.concatenate` would write the zeros, and so take the memory, before they are needed.
-    """
+    """An array, (..., instants, values), with room for twice the instants."""
     instants, values = array.shape[-2:]
-    longer = np.zeros((*array.shape[:-2], 2 * instants, values))
+    longer = np.empty((*array.shape[:-2], 2 * instants, values))
     longer[..., :instants, :] = array
     return longer
 

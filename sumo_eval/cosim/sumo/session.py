@@ -17,7 +17,7 @@ import re
 import sys
 import tempfile
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import ExitStack, contextmanager, suppress
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -191,14 +191,15 @@ def _files(network: str, routes: str) -> Iterator[_Files]:
             files.routes.write_text(routes, encoding="utf-8")
             yield files
         return
-    with ExitStack() as stack:
-        numbers = []
+    numbers: list[int] = []
+    try:
         for name, text in zip(_NAMES, (network, routes, "", ""), strict=True):
-            file = stack.enter_context(os.fdopen(os.memfd_create(str(name)), "w", encoding="utf-8"))
-            file.write(text)
-            file.flush()
-            numbers.append(file.fileno())
+            numbers.append(os.memfd_create(str(name)))
+            os.write(numbers[-1], text.encode())
         yield _Files(*(Path(f"/proc/self/fd/{number}") for number in numbers))
+    finally:
+        for number in numbers:
+            os.close(number)
 
 
 def _arguments(
@@ -315,18 +316,18 @@ def _stderr_into(path: Path) -> Iterator[None]:
 
     SUMO prints errors to stderr whatever its options say; they become part of the package's error.
     """
-    console = os.dup(2)
     with suppress(AttributeError, ValueError):  # stderr is None, or an ADS has closed it
         sys.stderr.flush()
+    console, file = os.dup(2), os.open(path, os.O_RDWR | os.O_CREAT)
     try:
-        with path.open("wb") as file:
-            os.dup2(file.fileno(), 2)
+        os.dup2(file, 2)
         yield
         # SUMO has started: its output holds no errors, and goes to the user
-        os.write(console, path.read_bytes())
+        os.write(console, os.pread(file, os.fstat(file).st_size, 0))
     finally:
         os.dup2(console, 2)
         os.close(console)
+        os.close(file)
 
 
 def _close() -> None:

@@ -447,7 +447,8 @@ def inserted(
     """
     yield EGO, concrete.ego, ego_length, None
     for it in concrete.actors:
-        start = replace(it.start, speed=departure_speed(it))
+        speed = departure_speed(it)
+        start = it.start if speed == it.start.speed else replace(it.start, speed=speed)
         # Beside a curve, the front of an actor with a place on the map may be beyond the road.
         # SUMO inserts the actor on the road, and it is moved there before the first step.
         if it.on_map is not None:
