@@ -155,8 +155,10 @@ def score(
     resolved = replace(resolved, settings=settings)
     exposures = run_folder.read_exposures(folder)
     severity = severity_of(settings.method.collision, resolved.source)
+    manifest = run_folder.read_manifest(folder)
     manifest = {
-        **run_folder.read_manifest(folder),
+        **manifest,
+        "versions": run_folder.versions_of(manifest),
         "severity": {"name": severity.name, "unit": severity.unit, "sha256": severity.sha256},
     }
     with open_store(folder) as store:

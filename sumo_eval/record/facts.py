@@ -395,14 +395,15 @@ def _shard_of(
     versions as the first.
     """
     other = run_folder.read_settings(folder)
-    versions = run_folder.read_manifest(folder)["versions"]
+    versions = run_folder.versions_of(run_folder.read_manifest(folder))
+    first_versions = run_folder.versions_of(manifest)
     # of `[run]`, `only` alone is compared: it chooses the cases
     if replace(other, run=replace(settings.run, only=other.run.only)) != settings:
         raise InputError(
             f"{folder} is of another evaluation than {first}; only shards of one can be merged."
         )
     for name in ("sumo_eval", "libsumo"):
-        if versions[name] != manifest["versions"][name]:
+        if versions[name] != first_versions[name]:
             raise InputError(f"{folder} was made with another version of {name} than {first}.")
     with open_store(folder) as store:
         run_folder.refuse_incomplete(store, folder)

@@ -213,6 +213,15 @@ def read_manifest(folder: Path) -> Mapping[str, Any]:
     return read_sealed(folder / MANIFEST, FORMAT_VERSION)
 
 
+def versions_of(manifest: Mapping[str, Any]) -> Mapping[str, str]:
+    """Versions of the packages that made a run's facts, those of its last start: a run that is
+    resumed with another simulator, or another version of this package, repeats its earlier drives.
+    """
+    last_start = manifest.get("resumed", [manifest])[-1]
+    versions: Mapping[str, str] = last_start["versions"]
+    return versions
+
+
 def check_complete(store: Store, folder: Path) -> None:
     """Refuse to score a shard or an incomplete run: a mean over a part is not the run's."""
     if store.noted(SHARD) not in ("", "1/1"):

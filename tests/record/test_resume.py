@@ -22,6 +22,7 @@ from tables import in_campaign
 
 import sumo_eval
 from sumo_eval.errors import InputError, StoppedError
+from sumo_eval.record import run_folder
 from sumo_eval.record.facts import merge, parse_shard, record_facts, resolve, verify
 from sumo_eval.record.run_folder import SHARD, only_writer, refuse_incomplete
 from sumo_eval.record.store import open_store
@@ -99,6 +100,15 @@ def test_resuming_a_complete_run_simulates_nothing(whole, monkeypatch):
     assert simulated == []
     assert digest(whole) == before
     assert evaluation.name == "batch"
+
+
+def test_resumed_run_names_the_versions_of_its_last_start(path, run, monkeypatch):
+    """Drives of another libsumo are repeated, so all facts come from the last start."""
+    began = sumo_eval.evaluate(path, run).manifest["versions"]
+    monkeypatch.setattr(run_folder, "version", lambda package: "9.9")
+    resumed = sumo_eval.evaluate(path, run, resume=True)
+    assert resumed.manifest["versions"]["libsumo"] == "9.9"
+    assert read_json(run / "manifest.json")["versions"] == began
 
 
 def test_a_changed_ads_runs_again_and_an_unchanged_one_does_not(whole, tmp_path, run, path):
