@@ -64,6 +64,7 @@ NIGHTS = "nights"
 IMPORTED = -1  # exit status of an imported night, for which no gate was evaluated
 LOCK = "lock"
 SPARE = 1.5  # disk space that must be free, in multiples of the last night's
+COPY = 1.0  # the same for the copy of the run in which cases of a noisy ADS are rerun
 LEVER_DRIVES = 500  # approximate number of drives that a search for the levers of one case takes
 LONGEST_LEVERS = 600.0  # s; a search that may take longer is left to the user
 FIRST_NIGHT_ROOM = 200_000_000  # bytes that must be free for a first night; estimated
@@ -97,7 +98,7 @@ def run_night(
         stopped = next((name for name in newest_first if is_run(history / NIGHTS / name)), None)
         shutil.rmtree(history / AGAIN, ignore_errors=True)  # of a night that was killed
         notes = _clear_away(history, database, stopped)
-        _refuse_without_room(history, database, stopped)
+        _refuse_without_room(history, database, gate, stopped)
         clock = time.monotonic()
         folder = history / NIGHTS / (stopped or _begin(history, database, notes, resume))
         resume = bool(stopped)  # from here on: whether there is a night to continue
@@ -365,7 +366,9 @@ def _line(evaluation: Evaluation, name: str, folder: str, status: int, verdict: 
     )
 
 
-def _refuse_without_room(history: Path, database: History, stopped: str | None) -> None:
+def _refuse_without_room(
+    history: Path, database: History, gate: GateSettings, stopped: str | None
+) -> None:
     """Refuse to begin what would fill the disk.
 
     stopped: a night that continues, whose files are there already.
@@ -374,7 +377,9 @@ def _refuse_without_room(history: Path, database: History, stopped: str | None) 
     last = next((folder for folder in reversed(finished) if folder.is_dir()), None)
     needed = FIRST_NIGHT_ROOM
     if last is not None:
-        needed = int(SPARE * (_size(last) + _stored(last, "discarded_size")))
+        # any night may find the first noisy ADS, unless no case is driven twice
+        times = SPARE + COPY * bool(gate.noise.cases)
+        needed = int(times * (_size(last) + _stored(last, "discarded_size")))
     if stopped:
         needed -= _size(history / NIGHTS / stopped)
     free = shutil.disk_usage(history).free

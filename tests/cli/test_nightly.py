@@ -27,10 +27,10 @@ from cli.nights import evaluation, plant
 from sumo_eval import evaluate, open_run
 from sumo_eval.errors import InputError, StoppedError
 from sumo_eval.nightly.history import HISTORY, open_history
-from sumo_eval.nightly.night import _clear_away, _prune, run_night
+from sumo_eval.nightly.night import _clear_away, _prune, _refuse_without_room, run_night
 from sumo_eval.nightly.repeats import repeats_of
 from sumo_eval.record.store import open_store
-from sumo_eval.scoring.gate_settings import GateSettings
+from sumo_eval.scoring.gate_settings import GateSettings, NoiseSettings
 
 
 def run(file, history, **more):
@@ -299,6 +299,21 @@ def test_a_full_disk_leaves_earlier_nights_alone(file, history, monkeypatch):
     monkeypatch.setattr("shutil.disk_usage", lambda _: shutil._ntuple_diskusage(100, 90, 10))
     with refusal("The night was not begun: it may need"):
         run(file, history)
+
+
+def size_of(folder):
+    return sum(path.stat().st_size for path in folder.rglob("*"))
+
+
+def test_a_night_needs_room_for_the_copy_of_a_noisy_ads(history, monkeypatch):
+    """The rerun of its cases copies the whole run."""
+    last = history / nights(history)[-1].folder
+    free = shutil._ntuple_diskusage(0, 0, 2 * size_of(last))
+    monkeypatch.setattr("shutil.disk_usage", lambda _: free)
+    with open_history(history) as lines:
+        with refusal("The night was not begun: it may need"):
+            _refuse_without_room(history, lines, GateSettings(), None)
+        _refuse_without_room(history, lines, GateSettings(noise=NoiseSettings(cases=0)), None)
 
 
 def test_a_disk_full_of_recorded_cases_is_freed(file, history, monkeypatch):
@@ -666,8 +681,8 @@ def test_a_noisy_ads_is_found_and_its_new_collision_rerun(tmp_path, monkeypatch)
     assert not (history / "again").exists()
     with open_store(result.report.parent) as store:
         assert store.is_discarded(result.judgement.gates[0].cases[0])
-    files = sum(path.stat().st_size for path in result.report.parent.rglob("*"))
-    free = shutil._ntuple_diskusage(0, 0, int(1.5 * files))  # without what was discarded
+    files = size_of(result.report.parent)
+    free = shutil._ntuple_diskusage(0, 0, int(2.5 * files))  # without what was discarded
     monkeypatch.setattr("shutil.disk_usage", lambda _: free)
     with refusal("The night was not begun: it may need"):
         run(file, history)
