@@ -225,12 +225,7 @@ def _unfinished(folder: Path, *, resumed: bool) -> Iterator[None]:
         ) from None
     except (InputError, OSError, sqlite3.Error) as error:
         cause = error.__cause__ or error  # of an InputError that names the file
-        full = (
-            getattr(cause, "errno", None) in (errno.ENOSPC, errno.EDQUOT)  # the user's share
-            or getattr(cause, "sqlite_errorcode", None) == sqlite3.SQLITE_FULL
-            # the error of `shutil.copytree` has no number: it lists the texts of other errors
-            or os.strerror(errno.ENOSPC) in str(cause)
-        )
+        full = _is_full(cause, folder)
         if isinstance(error, InputError) and not full:
             if not resumed:
                 raise
@@ -247,6 +242,23 @@ def _unfinished(folder: Path, *, resumed: bool) -> Iterator[None]:
             f"The night could not be finished: {said(cause)}. Earlier nights are as they were. "
             f"{rest}"
         ) from error
+
+
+def _is_full(error: BaseException, folder: Path) -> bool:
+    """Whether an error says that the disk of a folder is full, or a user's quota on it."""
+    if isinstance(error, shutil.Error):  # without a number: it lists the texts of other errors
+        return os.strerror(errno.ENOSPC) in str(error)
+    if isinstance(error, sqlite3.Error):  # all databases of a night are on the disk of its folder
+        return getattr(error, "sqlite_errorcode", None) == sqlite3.SQLITE_FULL
+    full = getattr(error, "errno", None) in (errno.ENOSPC, errno.EDQUOT)
+    # a file that the error names may be on another disk, such as a small /tmp
+    named = getattr(error, "filename", None)
+    return full and (not isinstance(named, str) or _disk(Path(named)) == _disk(folder))
+
+
+def _disk(path: Path) -> int:
+    """Number of the disk that a path is on, or would be if it existed."""
+    return next(it for it in (path, *path.absolute().parents) if it.exists()).stat().st_dev
 
 
 def import_run(history: Path, run: Path, progress: Progress = quiet) -> Night:

@@ -342,6 +342,30 @@ def test_a_disk_full_of_recorded_cases_is_freed(file, history, monkeypatch):
     assert nights_of(history) == {it.night for it in before}
 
 
+@pytest.mark.parametrize(
+    "fault, words",
+    [
+        (OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), "/proc/x"), "with --resume continues"),
+        (InputError("ADS `mine` cannot be loaded: No space left on device."), "It stays;"),
+    ],
+)
+def test_another_full_disk_leaves_the_night(file, history, fault, words, monkeypatch):
+    """A small /tmp, or the ADS's own: the night's folder is on another disk than /proc."""
+    run(file, history)
+    left = history / "nights" / "2999-01-01T00-00-00Z"
+    shutil.copytree(history / nights(history)[-1].folder, left)
+    with open_history(history, create=True) as lines:
+        lines.begin(left.name)
+
+    def full(*_):
+        raise fault
+
+    monkeypatch.setattr("sumo_eval.nightly.night.judge_night", full)
+    with refusal(words):
+        run(file, history, resume=True)
+    assert (left / "facts.sqlite").is_file()
+
+
 def test_a_damaged_accepted_night_fails_until_another_is(file, history):
     """Without it a slow drift passes night by night, and a note alone wakes no user."""
     first, last = nights(history)[:2]
