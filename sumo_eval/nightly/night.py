@@ -97,8 +97,9 @@ def run_night(
         newest_first = reversed(database.stopped_last() if resume else ())
         stopped = next((name for name in newest_first if is_run(history / NIGHTS / name)), None)
         shutil.rmtree(history / AGAIN, ignore_errors=True)  # of a night that was killed
-        notes = _clear_away(history, database, stopped)
+        # first, so that a refused night has removed nothing
         _refuse_without_room(history, database, gate, stopped)
+        notes = _clear_away(history, database, stopped)
         clock = time.monotonic()
         folder = history / NIGHTS / (stopped or _begin(history, database, notes, resume))
         resume = bool(stopped)  # from here on: whether there is a night to continue
@@ -304,6 +305,26 @@ def _importing(history: Path, night: Path) -> str:
     return shlex.join(["sumo-eval", "trend", str(history), "--import", str(night)])
 
 
+def _without_line(history: Path, database: History, resumed: str | None) -> dict[Path, str]:
+    """Folders of nights that have no line in the history, except the night that continues. By
+    folder: `unknown` to the history, a `complete` run, or `unfinished`.
+
+    resumed: name of the night that continues.
+    """
+    night_folders = {(history / night.folder).resolve() for night in database.nights()}
+    stopped = database.stopped()
+    kinds = {}
+    for path in sorted((history / NIGHTS).glob("*")):
+        if path.resolve() in night_folders or path.name == resumed:
+            continue
+        kinds[path] = "unfinished"
+        if path.name not in stopped:
+            kinds[path] = "unknown"
+        elif _stored(path, "sealed"):  # e.g. an old copy of the history was put back
+            kinds[path] = "complete"
+    return kinds
+
+
 def _clear_away(history: Path, database: History, resumed: str | None) -> list[str]:
     """Remove the folders of stopped nights. Return notes on them and on the night that is resumed.
 
@@ -313,15 +334,11 @@ def _clear_away(history: Path, database: History, resumed: str | None) -> list[s
 
     resumed: name of the night that continues.
     """
-    night_folders = {(history / night.folder).resolve() for night in database.nights()}
-    stopped = database.stopped()
     notes = []
-    for path in sorted((history / NIGHTS).glob("*")):
-        if path.resolve() in night_folders or path.name == resumed:
-            continue
-        if path.name not in stopped:
+    for path, kind in _without_line(history, database, resumed).items():
+        if kind == "unknown":
             notes.append(f"{path} is not in the history; it was left as it is.")
-        elif _stored(path, "sealed"):  # e.g. an old copy of the history was put back
+        elif kind == "complete":
             notes.append(
                 f"{path} is a complete run without a line in the history; it was left as it is. To "
                 f"add it: {_importing(history, path)}."
@@ -394,7 +411,9 @@ def _refuse_without_room(
         needed = int(times * (_size(last) + _stored(last, "discarded_size")))
     if stopped:
         needed -= _size(history / NIGHTS / stopped)
-    free = shutil.disk_usage(history).free
+    kinds = _without_line(history, database, stopped)
+    removable = sum(_size(path) for path, kind in kinds.items() if kind == "unfinished")
+    free = shutil.disk_usage(history).free + removable
     if free < needed:
         raise InputError(
             f"The night was not begun: it may need {needed / 1e6:z.0f} MB in {history}; "

@@ -316,6 +316,22 @@ def test_a_night_needs_room_for_the_copy_of_a_noisy_ads(history, monkeypatch):
         _refuse_without_room(history, lines, GateSettings(noise=NoiseSettings(cases=0)), None)
 
 
+def test_a_night_without_room_leaves_what_a_killed_one_left(file, history, monkeypatch):
+    """The killed night may still be continued. The folder that would be removed counts as free."""
+    left = history / "nights" / "2026-01-01T00-00-00Z"
+    left.mkdir()
+    with open_history(history, create=True) as lines:
+        lines.begin(left.name)
+    monkeypatch.setattr("shutil.disk_usage", lambda _: shutil._ntuple_diskusage(0, 0, 10))
+    with refusal("The night was not begun: it may need"):
+        run(file, history)
+    assert left.is_dir()
+    last = history / nights(history)[-1].folder
+    (left / "facts.sqlite").write_bytes(bytes(3 * size_of(last)))
+    with open_history(history) as lines:
+        _refuse_without_room(history, lines, GateSettings(), None)
+
+
 def test_a_disk_full_of_recorded_cases_is_freed(file, history, monkeypatch):
     """SQLite, not the operating system, reports a disk that fills up while cases are recorded."""
     before = nights(history)
