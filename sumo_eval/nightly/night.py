@@ -192,7 +192,11 @@ def _levers(evaluation: Evaluation, additions: Additions, progress: Progress) ->
         return CaseLevers(
             fact, why_not=f"Its drives may take {seconds / 60.0:z.0f} min, so run: {command}"
         )
-    return WhatIf(evaluation.folder, progress).answers_or_why_not(fact)
+    try:
+        # it reads the scenarios again, whose files may have gone while the night ran
+        return WhatIf(evaluation.folder, progress).answers(fact)
+    except InputError as error:
+        return CaseLevers(fact, why_not=str(error))
 
 
 def _begin(history: Path, database: History, notes: list[str], resume: bool) -> str:

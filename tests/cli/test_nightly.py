@@ -30,6 +30,7 @@ from sumo_eval.nightly.history import HISTORY, open_history
 from sumo_eval.nightly.night import _clear_away, _prune, _refuse_without_room, run_night
 from sumo_eval.nightly.repeats import repeats_of
 from sumo_eval.record.store import open_store
+from sumo_eval.scenario.shipped_files import scenario_files
 from sumo_eval.scoring.gate_settings import GateSettings, NoiseSettings
 
 
@@ -533,6 +534,20 @@ def test_locked_history_is_not_called_damaged(file, history, monkeypatch):
     assert len(nights(history)) == before
     run(file, history, resume=True)
     assert len(nights(history)) == before + 1
+
+
+def test_a_scenario_file_that_goes_during_the_night_costs_only_the_levers(tmp_path, monkeypatch):
+    file, history, scenario = evaluation(tmp_path, "2", "30, 0:sleeps"), tmp_path / "h", "own.toml"
+    shutil.copy(scenario_files()["front_vehicle_low_speed"], tmp_path / scenario)
+    replace_in(file, 'use = "front_vehicle_low_speed"', f'use = "{scenario}"')
+
+    def gone(*_):
+        (tmp_path / scenario).unlink()
+
+    monkeypatch.setattr("sumo_eval.nightly.night.write_junit", gone)
+    result = run(file, history)
+    assert nights(history) == [result.night]
+    assert f"There is no scenario file {tmp_path / scenario}" in result.report.read_text()
 
 
 def test_results_that_cannot_be_written_are_noted(file, history):
