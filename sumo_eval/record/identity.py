@@ -2,7 +2,7 @@
 for equal identities: `record.recording` makes a fingerprint of each case from them.
 
 Users: `extras/studies/qualification/table.py`, `extras/studies/trials.py`, `record/cluster.py`,
-`record/engines.py`, `record/recording.py`, `record/worker.py`.
+`record/engines.py`, `record/recording.py`, `record/run_folder.py`, `record/worker.py`.
 """
 
 import ast
@@ -10,6 +10,7 @@ import json
 import os
 import shlex
 import sys
+from collections.abc import Iterable
 from dataclasses import replace
 from functools import cache
 from importlib.metadata import PackageNotFoundError, version
@@ -22,7 +23,7 @@ from sumo_eval.cosim.doors.entry import split_entry
 from sumo_eval.errors import must_be
 from sumo_eval.input_file import hash_of, sha256
 from sumo_eval.record.cases import Case
-from sumo_eval.settings import AdsSettings, DriverSettings, SimulationSettings
+from sumo_eval.settings import AdsSettings, DriverSettings, EvaluationSettings, SimulationSettings
 from sumo_eval.settings.locators import load_object
 
 _PACKAGE = Path(__file__).parent.parent
@@ -128,12 +129,36 @@ def files_identity(ads: AdsSettings, source: Path) -> str:
 
 def people_identity(settings: DriverSettings, source: Path) -> str:
     """Identity of recorded drivers: how they are chosen, and hashes of their files."""
-    folder = source / settings.cases
-    files = {name: source / name for name in settings.recordings}
-    cases = sorted(folder.rglob("*.csv")) if settings.cases else []
-    files |= {f"{settings.cases}/{file.relative_to(folder)}": file for file in cases}
-    hashes = {name: hash_of(file, "file") for name, file in files.items() if file.is_file()}
+    hashes = _hashes(settings.recordings, settings.cases, source)
     return _text({"settings": repr(settings), "files": hashes})
+
+
+def hashes_of_inputs(settings: EvaluationSettings, source: Path) -> dict[str, str]:
+    """Hashes, by path, of files whose content changes drives or exposures of all ADSs: recordings,
+    drives recorded in named cases, the FMU of the vehicle.
+
+    A scenario's own files are not among them (`scenario_files.hashes_of_scenario`).
+    """
+    drivers, plant = settings.drivers, settings.simulation.plant
+    exposures = [entry.exposure for entry in settings.scenario if entry.exposure.kind == "recorded"]
+    names = [name for it in exposures for name in it.recordings or drivers.recordings]
+    if plant is not None:
+        names.append(plant.file)
+    if drivers.source != "recorded":
+        return _hashes(names, "", source)
+    return _hashes([*names, *drivers.recordings], drivers.cases, source)
+
+
+def _hashes(names: Iterable[str], cases: str, source: Path) -> dict[str, str]:
+    """Hashes, by path, of the named files and of all tables in the folder `cases`; "": no folder.
+
+    A file that does not exist has none.
+    """
+    folder = source / cases
+    files = {name: source / name for name in names}
+    tables = sorted(folder.rglob("*.csv")) if cases else []
+    files |= {f"{cases}/{file.relative_to(folder)}": file for file in tables}
+    return {name: hash_of(file, "file") for name, file in files.items() if file.is_file()}
 
 
 def with_fingerprint(

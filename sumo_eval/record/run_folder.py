@@ -102,6 +102,9 @@ def create(
     examples: one concrete scenario of each logical one.
     another_round: whether the process that began or resumed the run continues it.
     """
+    # imported here: what only reads a run needs nothing of `cosim`
+    from sumo_eval.record.identity import hashes_of_inputs
+
     before = read_manifest(folder) if is_run(folder) else {}
     named = settings.run.qualification
     # a run that continues keeps its record: the qualification's file need not exist any more
@@ -121,6 +124,7 @@ def create(
             "source_folder": str(source),
             **versions_and_machine(_PACKAGES),
             "sha256": {name: sha256(inputs[name]) for name in sorted(inputs)},
+            "files": hashes_of_inputs(settings, source),
             "builds": builds_of(settings, source),
             **qualified,
         }
@@ -137,7 +141,6 @@ def _sumo_inputs(
     simulation: SimulationSettings, examples: Iterable[ConcreteScenario]
 ) -> dict[str, str]:
     """Text of SUMO's input files of each example, by path in the run folder."""
-    # imported here: what only reads a run needs nothing of `cosim`
     from sumo_eval.cosim.sumo.sumo_files import case_files, network_xml
 
     inputs = dict[str, str]()

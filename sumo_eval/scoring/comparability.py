@@ -93,6 +93,8 @@ def _parts(evaluation: Evaluation, other: Evaluation) -> list[tuple[bool, dict[s
         f"{_FILE}{name}": it.get("file", "")[:12] or ABSENT
         for name, it in evaluation.exposures.items()
     }
+    # recordings and the like; a run of an earlier version of this package does not have the key
+    inputs = manifest.get("files", {}) if "files" in other.manifest else {}
     # Runs of an earlier version have no reference car, so their T and S+ are not comparable with
     # later ones. All scores of a run have the same car: look at the first.
     car = next((score.task_reference or "none" for score in evaluation.scores), ABSENT)
@@ -105,6 +107,7 @@ def _parts(evaluation: Evaluation, other: Evaluation) -> list[tuple[bool, dict[s
         (True, dict(_flat(plain, ""))),
         (True, written),
         (True, files),
+        (True, {f"content of {name}": sha256[:12] for name, sha256 in inputs.items()}),
         (True, {"file of the severity": severity[:12] or ABSENT}),
         (True, {"reference car of T": car}),
         *versions.items(),

@@ -1,19 +1,28 @@
 """What facts depend on is part of their fingerprint."""
 
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from evaluations import small
 from laid import replace_in
 
 import sumo_eval
 from sumo_eval.record.identity import (
+    hashes_of_inputs,
     locator_identity,
     named_files,
     people_identity,
     sources_of_facts,
 )
-from sumo_eval.settings import DriverSettings
+from sumo_eval.settings import (
+    DriverSettings,
+    ExposureSettings,
+    PlantSettings,
+    ScenarioSettings,
+    SimulationSettings,
+)
 
 PACKAGE = Path(sumo_eval.__file__).parent
 
@@ -45,6 +54,21 @@ def test_recorded_drivers_are_the_same_in_any_folder(tmp_path):
         identities.append(people_identity(settings, folder))
     (folder / name).write_text("changed")
     assert identities[0] == identities[1] != people_identity(settings, folder)
+
+
+def test_recordings_and_the_vehicles_fmu_are_inputs_of_a_run(tmp_path):
+    for name in ("a.csv", "b.csv", "unused.csv", "car.fmu"):
+        (tmp_path / name).write_text(name)
+    entry = ScenarioSettings("cut_in", exposure=ExposureSettings("recorded", recordings=("a.csv",)))
+    settings = replace(
+        small(["idm"]),
+        scenario=(entry,),
+        drivers=DriverSettings(source="recorded", recordings=("b.csv",)),
+        simulation=SimulationSettings(plant=PlantSettings(file="car.fmu")),
+    )
+    assert hashes_of_inputs(settings, tmp_path).keys() == {"a.csv", "b.csv", "car.fmu"}
+    synthetic = replace(settings, drivers=DriverSettings(recordings=("unused.csv",)))
+    assert hashes_of_inputs(synthetic, tmp_path).keys() == {"a.csv", "car.fmu"}
 
 
 @pytest.mark.parametrize(

@@ -207,6 +207,17 @@ def test_what_could_change_a_score_by_itself_is_refused_unless_accepted(evaluati
     assert any(words in item.words and item.decides for item in comparison.differences)
 
 
+def test_edited_recordings_are_refused(evaluation):
+    base, other = (
+        replace(evaluation, manifest={**evaluation.manifest, "files": {"people.csv": sha256}})
+        for sha256 in ("aa", "bb")
+    )
+    with pytest.raises(InputError, match="csv: aa in the base, bb in the new run"):
+        compare(base, other, GATE)
+    # an earlier version of this package did not record the hashes
+    assert compare(evaluation, other, GATE).differences == ()
+
+
 def test_another_controller_or_another_version_of_numpy_is_shown_and_not_refused(evaluation):
     versions = {**evaluation.manifest["versions"], "numpy": "3.0"}
     ads = (AdsSettings(CALM, "lane_changer"), *evaluation.settings.ads[1:])

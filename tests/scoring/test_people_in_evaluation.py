@@ -253,6 +253,7 @@ def test_a_thin_reference_may_be_left_out_and_the_case_is_counted_as_missing(run
 
 def test_a_run_is_scored_again_without_its_recordings(runs):
     out, _, rows = runs["fill"]
+    assert read_json(out / "manifest.json")["files"].keys() == {"people.csv"}
     (out.parent / "people.csv").rename(out.parent / "gone.csv")
     try:
         again = score(out)
