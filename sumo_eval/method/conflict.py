@@ -101,9 +101,8 @@ def _encounters(logical: LogicalScenario, points: FloatArray, settings: ZoneSett
     search = logical.search
     assert search is not None
     size = ego_size(logical)
-    values: list[Any] = list(map(logical.point, points.tolist()))
-    placed = [logical.placed(point) for point in values]
-    delays = [float(search.delay(point)) for point in values]
+    placed = [logical.placed(logical.point(row)) for row in points.tolist()]
+    delays = [float(search.delay(it.values)) for it in placed]  # type: ignore[arg-type]
     if search.conflict:
         return conflict_criticality(placed, search.obstacle, delays, size, settings)
     longest = min(logical.time_limit or _LONGEST, _LONGEST)

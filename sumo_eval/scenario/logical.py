@@ -274,6 +274,8 @@ class LogicalScenario:
     margin: values by name (arrays) -> distance to a known limit, m; hazardous at 0 and below.
     has_drivers: whether synthetic drivers can drive it; False: D needs recorded drivers.
     requirements: conditions that must hold in every drive; None: no condition.
+    fixed: (name, value) of each parameter that a slice holds fixed: no axis of the space, but all
+        functions and each concrete scenario get its value.
     """
 
     name: str
@@ -300,6 +302,7 @@ class LogicalScenario:
     margin: PointFunction | None = None
     has_drivers: bool = True
     requirements: Requirements | None = None
+    fixed: tuple[tuple[str, float], ...] = ()
 
     def __post_init__(self) -> None:
         check_name("a logical scenario", self.name)
@@ -363,14 +366,15 @@ class LogicalScenario:
         return self.names.index(name)
 
     def columns(self, points: ArrayLike) -> dict[str, FloatArray]:
-        """Points (..., k) as one array per parameter name."""
+        """Points (..., k) as one array per parameter name, also of the fixed parameters."""
         array = np.asarray(points, float)
         if array.shape[-1] != len(self.parameters):
             raise must_be(
                 "The last axis of `points`", f"scenario `{self.name}`",
                 f"{len(self.parameters)} long ({', '.join(self.names)})", array.shape,
             )  # fmt: skip
-        return {name: array[..., column] for column, name in enumerate(self.names)}
+        free = {name: array[..., column] for column, name in enumerate(self.names)}
+        return free | {name: np.full(array.shape[:-1], value) for name, value in self.fixed}
 
     def row(self, values: Numbers) -> FloatArray:
         """Values by name as one row in the order of `parameters`."""
@@ -415,7 +419,7 @@ class LogicalScenario:
             if parameter.name not in values:
                 raise InputError(f"Parameter `{parameter.name}` of {owner} is missing.")
             parameter.check(values[parameter.name], owner)
-        point = {name: float(values[name]) for name in names}
+        point = {name: float(values[name]) for name in names} | dict(self.fixed)
         arrays = {name: np.float64(value) for name, value in point.items()}
         for constraint in self.constraints:
             if not np.all(constraint.holds(arrays)):  # type: ignore[arg-type]
@@ -427,10 +431,11 @@ class LogicalScenario:
         """The concrete scenario at values by name, with exposure 1. The values are not checked:
         constraints may forbid them.
         """
+        values = {**point, **dict(self.fixed)}
         # parameters that are themselves settings of the drive
-        changes = tuple((name, point[name]) for name in self.names if name in CHANGES)
+        changes = tuple((name, value) for name, value in values.items() if name in CHANGES)
         return ConcreteScenario(
-            self.name, point, 1.0, self.road, *self.place(point), self.ego_body, self.time_limit,
+            self.name, values, 1.0, self.road, *self.place(values), self.ego_body, self.time_limit,
             self.standstill_time, changes,
         )  # fmt: skip
 

@@ -24,6 +24,7 @@ from sumo_eval.scenario.sampling.samples import sample
 from sumo_eval.settings import RunSettings, SimulationSettings
 
 CUT_OUT = catalogue.load("front_vehicle_cut_out")
+ROOT = Path(__file__).parents[2]
 SETUP = Setup(SimulationSettings(), RunSettings(workers=2), Path.cwd())
 
 
@@ -47,6 +48,19 @@ def test_a_slice_is_the_scenario_with_parameters_held():
         """):
         with refused(sentence):
             slice_of(CUT_OUT, fixed)
+
+
+def test_a_slice_keeps_fixed_values_and_settings():
+    perceived = catalogue.find("docs/examples/cut_in_perceived.toml", ROOT)
+    settings = {"conditions.sensor_range": 20.0, "conditions.perception_delay": 1.0}
+    held = slice_of(slice_of(perceived, settings), {"lateral_speed": 1.0})
+    point = {"ego_speed": 30.0, "cut_in_speed": 20.0, "gap": 40.0}
+    concrete, whole = held.concrete(**point), perceived.concrete(**point, **dict(held.fixed))
+    assert dict(concrete.changes) == dict(whole.changes) == settings
+    assert dict(concrete.values) == dict(whole.values)
+    assert concrete.actors == whole.actors
+    gaps = [held.approach(held.columns([30.0, 20.0, gap])).gap for gap in (40.0, 80.0)]
+    assert gaps == [40.0, 80.0]
 
 
 def test_the_ideal_vehicles_collisions_are_those_of_its_braking_distance(tmp_path):

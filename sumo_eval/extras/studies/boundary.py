@@ -7,8 +7,8 @@ Users: `extras/studies/boundary_command.py`, `extras/studies/boundary_page.py`.
 
 from collections import Counter
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -16,7 +16,7 @@ from sumo_eval.cases import EVALUATED
 from sumo_eval.errors import InputError, check_known, must_be
 from sumo_eval.extras.studies.straddle import BoundarySearch
 from sumo_eval.extras.studies.trials import Trials
-from sumo_eval.scenario.logical import Constraint, LogicalScenario
+from sumo_eval.scenario.logical import LogicalScenario
 
 FIRST = 16  # trials of the first round, times the number of parameters
 ROUND = 16  # trials of each later round
@@ -107,26 +107,6 @@ def find_boundary(
     return FailureBoundary(logical, controller, search, tuple(rounds), numbers, stopped)
 
 
-@dataclass(frozen=True)
-class _Filled:
-    """Function of all parameters, as a function of the free ones: it fills in the fixed values.
-
-    function: values by name, floats or arrays of one shape -> a value or an array.
-    fixed: the fixed values by name.
-    """
-
-    function: Callable[[Mapping[str, Any]], Any]
-    fixed: Mapping[str, float]
-
-    def __call__(self, values: Mapping[str, Any]) -> Any:
-        # where the free values are arrays, so are the fixed ones
-        shape = np.broadcast_shapes(*(np.shape(value) for value in values.values()))
-        held = {
-            name: np.full(shape, value) if shape else value for name, value in self.fixed.items()
-        }
-        return self.function({**values, **held})
-
-
 def slice_of(logical: LogicalScenario, fixed: Mapping[str, float]) -> LogicalScenario:
     """The scenario over its free parameters, those that are not in `fixed`.
 
@@ -143,21 +123,11 @@ def slice_of(logical: LogicalScenario, fixed: Mapping[str, float]) -> LogicalSce
         )
     if not fixed:
         return logical
-    functions: dict[str, Any] = {
-        name: _Filled(function, fixed)
-        for name in ("place", "approach", "margin", "exposure")
-        if (function := getattr(logical, name)) is not None
-    }
-    if logical.search is not None:
-        functions["search"] = replace(logical.search, delay=_Filled(logical.search.delay, fixed))
     return replace(
         logical,
         parameters=tuple(free.values()),
-        constraints=tuple(
-            Constraint(it.about, _Filled(it.holds, fixed)) for it in logical.constraints
-        ),
+        fixed=(*logical.fixed, *fixed.items()),
         zone_coordinates=None,  # one of them may be constant on the slice
         samples=(),
         default_sample="grid",
-        **functions,
     )
