@@ -103,7 +103,9 @@ def _safest(evaluation: Evaluation, behaviours: Sequence[Behaviour]) -> str:
         key=lambda behaviour: -(behaviour.grade or 0.0),  # `or 0.0` for the type checker alone
     )
     if not graded:
-        return "not known: no case could be evaluated."
+        evaluated = any(it.cases > it.not_evaluated for it in behaviours)
+        why = "no ADS has A' in every scenario" if evaluated else "no case could be evaluated"
+        return f"not known: {why}."
     words = f"{graded[0].ads} with {safety_words(evaluation, graded[0])}."
     if len(graded) == 1:
         return words

@@ -167,7 +167,7 @@ def test_the_best_is_distinguished_or_not(evaluation):
 @pytest.mark.parametrize(
     "field, place, none, one",
     [
-        ("avoidance_grade", 0, "not known: no case could be evaluated.", r"calm with [^.]*\."),
+        ("avoidance_grade", 0, "not known: no ADS has A' in every scenario.", r"calm with [^.]*\."),
         ("human_likeness", 1, "not known: no safe case could be compared with drivers.",
             r"calm with H 0\.\d\d of 1\."),
     ],
