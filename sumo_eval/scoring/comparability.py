@@ -13,13 +13,16 @@ from sumo_eval.results import Evaluation
 from sumo_eval.settings.config import to_plain
 
 HARMLESS = "name", "ads", "run", "report"
-"""Tables of settings that change no case of an ADS that both runs have: the run's name, the list of
-ADSs, how work is spread, how results are shown."""
+"""Tables of settings that change no outcome of an ADS that both runs have: the run's name, the list
+of ADSs, how work is spread, how results are shown. Keys of `[run]` in `LIMITS` are exceptions."""
+LIMITS = "case_timeout", "step_timeout", "memory_limit"
+"""Limits in `[run]`: an ADS that exceeds one gives up. They decide nothing for any other ADS."""
 
 ABSENT = "not set"  # shown instead of a value that a run does not have
 INPUTS = "networks/", "routes/"  # folders of a run with SUMO's files
 SIMULATORS = "libsumo", "sumo", "eclipse-sumo"  # packages whose versions decide
-_FILE = "file of scenario "  # begins the name of a difference between scenario files
+# begin names of differences between a scenario's files, and between Python files that make it
+_FILE, _CODE = "file of scenario ", "code of scenario "
 
 
 class Difference(NamedTuple):
@@ -48,8 +51,8 @@ def differences(base: Evaluation, new: Evaluation) -> tuple[Difference, ...]:
     for (decides, old), (_, now) in zip(_parts(base, new), _parts(new, base), strict=True):
         for key in old | now:
             before, after = old.get(key, ABSENT), now.get(key, ABSENT)
-            # a run of an earlier version of this package has no hash of a scenario's file
-            unknown = key.startswith(_FILE) and ABSENT in (before, after)
+            # a scenario that ships has no hash, nor has any in runs of an earlier version
+            unknown = key.startswith((_FILE, _CODE)) and ABSENT in (before, after)
             if before != after and not unknown:
                 items.append(Difference(key, before, after, decides))
     return tuple(sorted(items, key=lambda item: not item.decides))
@@ -87,12 +90,16 @@ def _parts(evaluation: Evaluation, other: Evaluation) -> list[tuple[bool, dict[s
         for name, sha256 in manifest.get("sha256", {}).items()
         if name.startswith(INPUTS)
     }
-    # hashes of files that may have been edited: of a user's own severity, and of scenarios
+    # hashes of files that may have been edited: of a user's own severity, and of scenarios, which
+    # the run keeps beside the exposure of each. A Python file does not decide: it may hold the ADS
     severity = str(manifest.get("severity", {}).get("sha256", ""))
-    files = {
-        f"{_FILE}{name}": it.get("file", "")[:12] or ABSENT
-        for name, it in evaluation.exposures.items()
-    }
+    files, code = (
+        {
+            f"{beginning}{name}": exposure.get(key, "")[:12] or ABSENT
+            for name, exposure in evaluation.exposures.items()
+        }
+        for beginning, key in ((_FILE, "file"), (_CODE, "code"))
+    )
     # recordings and the like; a run of an earlier version of this package does not have the key
     inputs = manifest.get("files", {}) if "files" in other.manifest else {}
     # Runs of an earlier version have no reference car, so their T and S+ are not comparable with
@@ -111,6 +118,8 @@ def _parts(evaluation: Evaluation, other: Evaluation) -> list[tuple[bool, dict[s
         (True, {"file of the severity": severity[:12] or ABSENT}),
         (True, {"reference car of T": car}),
         *versions.items(),
+        (False, code),
+        (False, {f"run.{name}": str(getattr(settings.run, name)) for name in LIMITS}),
         (False, {f"build of {ads}": build for ads, build in builds.items()}),
         (False, {f"controller of {ads.name}": ads.controller for ads in settings.ads}),
     ]

@@ -218,6 +218,18 @@ def test_edited_recordings_are_refused(evaluation):
     assert compare(evaluation, other, GATE).differences == ()
 
 
+def test_changed_limits_and_scenario_code_are_shown_and_not_refused(evaluation):
+    base, edited = (
+        replace(evaluation, exposures={"cut_in": {"file": "", "code": sha256}})
+        for sha256 in ("aa", "bb")
+    )
+    other = with_settings(edited, run=replace(edited.settings.run, step_timeout=0.01))
+    assert [item.words for item in compare(base, other, GATE).differences] == [
+        "code of scenario cut_in: aa in the base, bb in the new run",
+        "run.step_timeout: 1.0 in the base, 0.01 in the new run",
+    ]
+
+
 def test_another_controller_or_another_version_of_numpy_is_shown_and_not_refused(evaluation):
     versions = {**evaluation.manifest["versions"], "numpy": "3.0"}
     ads = (AdsSettings(CALM, "lane_changer"), *evaluation.settings.ads[1:])
