@@ -1,8 +1,12 @@
-"""Differences between two runs, apart from the behaviour of their ADSs: settings, scenario files,
+"""Differences between two runs, apart from the behaviour of their ADSs: settings, input files,
 versions, builds.
 
-`scoring/comparison.py` lists every difference. A difference that could change a score by itself
-(it decides) is an InputError unless the user accepts it.
+A difference that decides could change a score by more than its last digits though no ADS changed.
+It is an InputError unless the user accepts it. Others, such as another version of numpy, are only
+shown.
+
+Users: `scoring/comparison.py`, where `builds_besides` looks for the name `build of {ADS}`. Fixed:
+names of differences, which pages and JUnit files show.
 """
 
 from collections.abc import Iterator, Mapping
@@ -20,7 +24,7 @@ LIMITS = "case_timeout", "step_timeout", "memory_limit"
 
 ABSENT = "not set"  # shown instead of a value that a run does not have
 INPUTS = "networks/", "routes/"  # folders of a run with SUMO's files
-SIMULATORS = "libsumo", "sumo", "eclipse-sumo"  # packages whose versions decide
+SIMULATOR = "version of libsumo"  # the only version that decides
 # begin names of differences between a scenario's files, and between Python files that make it
 _FILE, _CODE = "file of scenario ", "code of scenario "
 
@@ -30,7 +34,7 @@ class Difference(NamedTuple):
 
     what: name of the value.
     base, new: the value in each run.
-    decides: whether it could change a score, whatever the ADS did.
+    decides: whether it could change a score by more than the last digits, whatever the ADS did.
     """
 
     what: str
@@ -45,10 +49,13 @@ class Difference(NamedTuple):
 
 
 def differences(base: Evaluation, new: Evaluation) -> tuple[Difference, ...]:
-    """Everything that differs except the ADSs' behaviour. Differences that decide come first."""
+    """Differences of settings, input files, versions, builds and controllers. Those that decide
+    come first.
+    """
     items = []
-    # `_parts` of both runs have the same parts, in the same order
-    for (decides, old), (_, now) in zip(_parts(base, new), _parts(new, base), strict=True):
+    # both lists have the same parts in the same order
+    base_parts, new_parts = _parts(base, other=new), _parts(new, other=base)
+    for (decides, old), (_, now) in zip(base_parts, new_parts, strict=True):
         for key in old | now:
             before, after = old.get(key, ABSENT), now.get(key, ABSENT)
             # a scenario that ships has no hash, nor has any in runs of an earlier version
@@ -78,7 +85,7 @@ def _parts(evaluation: Evaluation, other: Evaluation) -> list[tuple[bool, dict[s
     """
     manifest, settings = evaluation.manifest, evaluation.settings
     plain = {key: value for key, value in to_plain(settings).items() if key not in HARMLESS}
-    # a scenario that only one run has is listed by its name alone
+    # a scenario that only one run has is listed by its name alone; `plain` holds plain tables
     common = {entry.use for entry in other.settings.scenario}
     plain["scenario"] = {
         entry["use"]: entry if entry["use"] in common else {"use": entry["use"]}
@@ -102,13 +109,13 @@ def _parts(evaluation: Evaluation, other: Evaluation) -> list[tuple[bool, dict[s
     )
     # recordings and the like; a run of an earlier version of this package does not have the key
     inputs = manifest.get("files", {}) if "files" in other.manifest else {}
-    # Runs of an earlier version have no reference car, so their T and S+ are not comparable with
-    # later ones. All scores of a run have the same car: look at the first.
+    # Runs of an earlier version have no reference car ("none"), so their T and S+ are not
+    # comparable with later ones. All scores of a run have the same car: look at the first.
     car = next((score.task_reference or "none" for score in evaluation.scores), ABSENT)
-    # whether a version decides -> name -> version
-    versions: dict[bool, dict[str, str]] = {True: {}, False: {}}
-    for name, version in manifest.get("versions", {}).items():
-        versions[name in SIMULATORS][f"version of {name}"] = str(version)
+    versions = {
+        f"version of {name}": str(version) for name, version in manifest.get("versions", {}).items()
+    }
+    simulator = versions.pop(SIMULATOR, ABSENT)
     builds: dict[str, str] = manifest.get("builds", {})
     return [
         (True, dict(_flat(plain, ""))),
@@ -117,7 +124,8 @@ def _parts(evaluation: Evaluation, other: Evaluation) -> list[tuple[bool, dict[s
         (True, {f"content of {name}": sha256[:12] for name, sha256 in inputs.items()}),
         (True, {"file of the severity": severity[:12] or ABSENT}),
         (True, {"reference car of T": car}),
-        *versions.items(),
+        (True, {SIMULATOR: simulator}),
+        (False, versions),
         (False, code),
         (False, {f"run.{name}": str(getattr(settings.run, name)) for name in LIMITS}),
         (False, {f"build of {ads}": build for ads, build in builds.items()}),
