@@ -5,6 +5,7 @@ import re
 import sqlite3
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -97,6 +98,23 @@ def test_the_ideal_vehicles_collisions_are_those_of_its_braking_distance(tmp_pat
         file.write_text(damage)
         with refusal(f"{re.escape(str(file))} cannot be read or is damaged .* Search it again"):
             edge_panels(tmp_path)
+
+
+class _Drives:
+    """Trials without a simulation: a collision below 60 m, safe above 70 m, no answer between."""
+
+    def at(self, points, logical, ads, *, first, ended):
+        gaps = points[:, logical.column("gap")]
+        names = np.select([gaps < 60.0, gaps > 70.0], ["collision", "ok"], "ads_error")
+        return [SimpleNamespace(status=name) for name in names.tolist()]
+
+
+def test_rounds_with_few_answers_settle_nothing():
+    logical = slice_of(CUT_OUT, {"ego_speed": 30.0, "obstacle_speed": 5.0})
+    result = find_boundary(logical, "stub", _Drives(), budget=96)
+    assert result.not_evaluated["ads_error"] > 45
+    assert result.stopped == "budget"
+    assert {it.expected_change for it in result.rounds} == {1.0}
 
 
 def test_an_ads_that_never_answers_has_no_boundary(tmp_path):

@@ -110,6 +110,13 @@ def test_while_everything_ends_alike_the_trials_are_spread_evenly_and_nothing_is
     assert len({(int(a / 2.5001), int(b / 2.5001)) for a, b in search.points}) == 16
 
 
+def test_rounds_without_outcomes_are_no_change():
+    search = run(square("a", "b"), two_pieces, 48)
+    for _ in range(4):
+        search.tell(np.empty((0, 2)), [])
+    assert search.expected_change == 1.0
+
+
 @pytest.mark.campaign
 def test_three_parameters():
     logical = square("a", "b", "c")

@@ -45,6 +45,9 @@ LABEL_VARIANCE = 1.0  # an outcome counts as a measurement of f with this varian
 CONVERGED = 1e-3  # largest difference of probabilities in `_at_mode`
 CONTRADICTED = 0.05  # share of trials that the classifier may put on the wrong side
 LATEST_CHANGES = 4  # changes of the classes whose mean predicts the next one
+# New trials, at least, between two models whose difference is such a change. A model with fewer
+# hardly differs, as after a round whose trials could not be evaluated: nothing is settled then.
+LEAST_NEW = 8
 LEAST_VARIANCE = 1e-9  # of f, so that `probability` never divides by 0
 
 
@@ -70,8 +73,9 @@ class BoundarySearch:
         self.outcomes = np.empty(0, bool)
         self._model: Any = None  # the classifier, once both outcomes have been seen
         self._learnt_at = 0  # number of trials from which the kernel's constants were learnt
-        self._classes: BoolArray | None = None  # of the pool's points, by the latest model
-        # of each model: share of the pool whose class differs from that by the model before
+        self._classes: BoolArray | None = None  # of the pool's points, by the last counted model
+        self._counted_at = 0  # number of trials of that model
+        # of each counted model: share of the pool whose class differs from that by the one before
         self._changes: list[float] = []
         pool = evenly(logical, POOL, random_stream(seed, "boundary", logical.name))
         self._pool = pool[logical.feasible(pool)]
@@ -131,9 +135,9 @@ class BoundarySearch:
     def expected_change(self) -> float:
         """Share of the possible points that the next round is expected to put in another class.
 
-        It is the mean of the latest four changes from one model to the next. 1 stands for unknown:
-        before the fifth model (the first needs both outcomes), and while the model contradicts more
-        than 5 % of the trials.
+        It is the mean of the latest four changes from one model to the next, with at least
+        `LEAST_NEW` trials in between. 1 stands for unknown: before the fifth model (the first needs
+        both outcomes), and while the model contradicts more than 5 % of the trials.
         """
         last = self._changes[-LATEST_CHANGES:]
         if (
@@ -155,7 +159,9 @@ class BoundarySearch:
         return float(np.mean(np.minimum(probability, 1.0 - probability)))
 
     def _fit(self) -> None:
-        """Fit a model to all trials, and note which share of the pool changes its class."""
+        """Fit a model to all trials. After `LEAST_NEW` new ones, note which share of the pool
+        changes its class.
+        """
         n = len(self.outcomes)
         # True for the first model, because `_learnt_at` is 0 then
         learn = n >= 1.5 * self._learnt_at and self._learnt_at < LEARN_UNTIL
@@ -181,10 +187,12 @@ class BoundarySearch:
                 kernel = signal * model.kernel_.k2
                 model = GaussianProcessClassifier(kernel, optimizer=None).fit(unit, self.outcomes)
         self._model = model
+        if n - self._counted_at < LEAST_NEW:
+            return
         classes = self.classify(self._pool)
         if self._classes is not None:
             self._changes.append(np.mean(classes != self._classes))
-        self._classes = classes
+        self._classes, self._counted_at = classes, n
 
     def _latent(
         self, unit: FloatArray
