@@ -104,6 +104,7 @@ def run(
         from sumo_eval.evaluation import discard_trajectories, record_rounds
         from sumo_eval.record.estimate import estimate
         from sumo_eval.record.facts import parse_shard, resolve
+        from sumo_eval.record.run_folder import is_run
         from sumo_eval.scenario.resolved import WHOLE
 
     part = WHOLE if shard is None else parse_shard(shard)
@@ -120,19 +121,21 @@ def run(
     if dry_run:
         tell(str(estimate(resolved, out if resume else None)))
         sys.exit(DONE)
-    with Progress() as progress, stop_on_signal() as stopping:
-        recorded = record_rounds(
-            resolved, folder, resume=resume, progress=progress, stopping=stopping
-        )
-    say(recorded.notes)
-    if part != WHOLE:
-        _leave_shard(shard, folder, recorded.drives, recorded.not_evaluated)
     try:
+        with Progress() as progress, stop_on_signal() as stopping:
+            recorded = record_rounds(
+                resolved, folder, resume=resume, progress=progress, stopping=stopping
+            )
+        say(recorded.notes)
+        if part != WHOLE:
+            _leave_shard(shard, folder, recorded.drives, recorded.not_evaluated)
         result = scored(folder, resolved=resolved)
-    except KeyboardInterrupt:
+    except KeyboardInterrupt:  # between two rounds, after the last drive, or while scoring
+        if not is_run(folder):
+            raise
         raise StoppedError(
-            f"Stopped. All drives are recorded in {folder}; continue with: "
-            f"sumo-eval run --out {shlex.quote(str(folder))} --resume."
+            f"Stopped. The drives so far are recorded in {folder}; the same command with "
+            f"--out {shlex.quote(str(folder))} --resume continues."
         ) from None
     discard_trajectories(result)
     finish(result, everything=everything)

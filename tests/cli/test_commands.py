@@ -222,6 +222,21 @@ def install(site, entry):
     (folder / "entry_points.txt").write_text(f"[{cli.GROUP}]\n{entry}\n")
 
 
+def test_a_run_stopped_between_two_rounds_says_how_to_continue(tmp_path, monkeypatch):
+    file = tmp_path / "evaluation.toml"
+    file.write_text(EVALUATION.replace("levels = 2", 'method = "adaptive"\ncount = 16\nround = 8'))
+
+    def stop(*_):
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patched:
+        patched.setattr("sumo_eval.evaluation._further_rounds", stop)
+        stopped = sumo_eval("run evaluation.toml --out out", cwd=tmp_path, status=130)
+    assert "recorded in out; the same command with --out out --resume continues" in stopped.stderr
+    sumo_eval("run evaluation.toml --out out --resume", cwd=tmp_path)
+    assert len(rows_of(tmp_path / "out" / "cases.csv")) == 16
+
+
 def test_an_installed_package_brings_a_command_of_its_own(site):
     install(site, "weather = weather_tool:weather")
     assert sumo_eval("weather").said == "dry\n"
