@@ -89,12 +89,12 @@ def _usable(
     settings: `[drivers]`: `source`, `least` number of recorded drivers, and `too_thin`, whether
         synthetic drivers fill up.
     """
-    enough, fills = drivers >= FEWEST_DRIVERS, settings.too_thin == "fill"
+    enough = drivers >= FEWEST_DRIVERS
     if settings.source != RECORDED or recorded >= settings.least:
         return None, enough
-    # number of synthetic drivers among them
-    filled = drivers - recorded if fills else None
-    return ThinReference(recorded, settings.least, filled), fills and enough
+    usable = enough and settings.too_thin == "fill"
+    synthetic = drivers - recorded if usable else None
+    return ThinReference(recorded, settings.least, synthetic), usable
 
 
 class Survey(NamedTuple):

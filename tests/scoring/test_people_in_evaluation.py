@@ -3,6 +3,7 @@
 import csv
 import math
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -12,6 +13,7 @@ from evaluations import small
 from laid import read_json
 from refusals import refusal
 
+from sumo_eval.cases import ThinReference
 from sumo_eval.evaluation import score
 from sumo_eval.extras.studies.calibration import calibrate
 from sumo_eval.extras.studies.opinion import compare_opinion, read_ratings
@@ -30,9 +32,11 @@ from sumo_eval.report.notes import score_note
 from sumo_eval.scenario import catalogue
 from sumo_eval.scenario.resolved import Resolved
 from sumo_eval.score_notes import PlausibleTo
+from sumo_eval.scoring.likeness import references
 from sumo_eval.scoring.plausible_people import plausible_people
 from sumo_eval.settings import (
     DeclaredDistribution,
+    DriverSettings,
     ExposureSettings,
     PlausibilitySettings,
     SamplingSettings,
@@ -249,6 +253,17 @@ def test_a_thin_reference_may_be_left_out_and_the_case_is_counted_as_missing(run
     assert thin
     assert all(row["index"] == "" and row["reference_note"].endswith("left out.") for row in thin)
     assert all(row["index"] for row in rows if not row["reference_note"])
+
+
+def test_a_lone_recorded_driver_is_left_out_and_not_called_filled():
+    """Synthetic drivers do not know the scenario, or all of their drives failed."""
+    settings = DriverSettings(source=RECORDED, recordings=("people.csv",), too_thin="fill")
+    lone = SimpleNamespace(
+        point=0, status="ok", controller=RECORDED, case="c-0000-recorded_00", driver="recorded_00"
+    )
+    reference = references([lone], settings)[0]
+    assert not reference.usable
+    assert reference.note == ThinReference(recorded=1, least=10, filled=None)
 
 
 def test_a_run_is_scored_again_without_its_recordings(runs):
