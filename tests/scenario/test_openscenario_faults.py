@@ -276,6 +276,47 @@ def test_ego_at_the_end_of_its_road_is_refused(tmp_path):
     assert "<ScenarioObject>: its front must be over 5 m before its road's end" in said(path)
 
 
+KEEPS = """<LongitudinalAction><SpeedAction><SpeedActionDynamics dynamicsShape="step" dynamicsDimension="time"
+value="0"/><SpeedActionTarget><RelativeTargetSpeed entityRef="Ghost" value="0" speedTargetValueType="delta"
+continuous="true"/></SpeedActionTarget></SpeedAction></LongitudinalAction>"""
+NEAR = """<LongitudinalAction><LongitudinalDistanceAction entityRef="Ghost" distance="30" freespace="true"
+continuous="true"/></LongitudinalAction>"""
+
+
+def deletion(name):
+    """An event at the start in which an entity is deleted."""
+    return re.sub(
+        "<PrivateAction>.*</PrivateAction>",
+        f'<GlobalAction><EntityAction entityRef="{name}"><DeleteEntityAction/></EntityAction>'
+        "</GlobalAction>",
+        timed(BRAKE, 0, n=9),
+        flags=re.DOTALL,
+    )
+
+
+@pytest.mark.parametrize("action", [KEEPS, NEAR])
+def test_moves_relative_to_a_deleted_entity_are_refused(tmp_path, action):
+    """The other must not follow the ego instead of an entity that is deleted at 0 s."""
+    path = written(tmp_path, events=deletion("Ghost") + timed(action, 1))
+    ghost = """<ScenarioObject name="Ghost"><CatalogReference catalogName="cars" entryName="car"/>
+    </ScenarioObject></Entities>"""
+    change(path, "</Entities>", ghost)
+    place = '<Private entityRef="Ghost"><PrivateAction><TeleportAction><Position>'
+    place += EGO_PLACE.replace("20", "200")
+    place += "</Position></TeleportAction></PrivateAction></Private></Actions></Init>"
+    change(path, "</Actions></Init>", place)
+    assert "entity `Ghost` is deleted at the start, so nothing depends on it" in said(path)
+
+
+@pytest.mark.parametrize("at_init", [True, False])
+def test_deletion_of_the_ego_is_refused(tmp_path, at_init):
+    path = written(tmp_path, events="" if at_init else deletion("Ego"))
+    if at_init:
+        gone = '<GlobalAction><EntityAction entityRef="Ego"><DeleteEntityAction/></EntityAction>'
+        change(path, "</Actions></Init>", gone + "</GlobalAction></Actions></Init>")
+    assert "<ScenarioObject>: it must not be deleted: the ADS drives it" in said(path)
+
+
 def test_two_lateral_moves_each_start_from_their_lane(tmp_path):
     """From lane 1 one lane to the right and one to the left again, each relative to itself: 0 m and
     then as it began, 0.25 m beside its lane's middle at the start.

@@ -186,7 +186,7 @@ def _speed(element: Node, entity: Entity, places: Places, frame: Frame) -> Compa
 def _travelled(element: Node, entity: Entity, places: Places, frame: Frame) -> Compared:
     if entity.on_map or abs(math.sin(entity.frame.heading)) > 1e-9:
         raise element.fault("a distance travelled across the road is not supported as a start")
-    x = of_vehicle(X, _number(entity, element), entity.frame.x)
+    x = of_vehicle(X, vehicle_number(entity, element), entity.frame.x)
     return abs(x - constant(x.start)), element.number("value")
 
 
@@ -236,7 +236,7 @@ def _apart(
     if free and axis == X and isinstance(other, Entity):
         # GAP uses the bodies' present headings. It assumes that its first body is behind: the
         # larger of both orders has the right one.
-        a, b = _number(one, element), _number(other, element)
+        a, b = vehicle_number(one, element), vehicle_number(other, element)
         gaps = (GAP, a, b, 0.0), (GAP, b, a, 0.0), operation(LARGER)
         apart = DriveNumber(gaps, apart.start - bodies.start)
         free = False  # GAP is between the bodies already
@@ -288,7 +288,7 @@ def _coordinate(body: Entity | Pose, axis: int, element: Node) -> DriveNumber:
     k = axis - X  # index in a pose: 0 for x, 1 for y
     if isinstance(body, Pose):
         return constant(body[k])
-    centre = of_vehicle(axis, _number(body, element), body.frame[k])
+    centre = of_vehicle(axis, vehicle_number(body, element), body.frame[k])
     # from the centre to the reference point with the heading at the start
     shift = body.frame.moved(-body.centre, -body.offset)[k] - centre.start
     if shift == 0.0 or element.flag("freespace"):
@@ -312,11 +312,14 @@ def _along(element: Node, body: Entity) -> DriveNumber:
     if got != "longitudinal":
         raise element.fault(f"`{name}` must be longitudinal to be supported, got {shown(got)}")
     at_start = body.speed * math.cos(body.frame.heading)
-    return of_vehicle(ALONG, _number(body, element), at_start)
+    return of_vehicle(ALONG, vehicle_number(body, element), at_start)
 
 
-def _number(entity: Entity, element: Node) -> int:
-    """Number of an entity in programs; an InputError if it takes no part."""
+def vehicle_number(entity: Entity, element: Node) -> int:
+    """Number of an entity in programs.
+
+    Raises InputError if it takes no part: it has the number of the ego then.
+    """
     if entity.deleted:
         raise element.fault(
             f"entity `{entity.name}` is deleted at the start, so nothing depends on it"

@@ -35,7 +35,12 @@ from sumo_eval.extras.openscenario.acts import (
     note_plan,
     unended_move,
 )
-from sumo_eval.extras.openscenario.drive_numbers import constant, of_vehicle, operation
+from sumo_eval.extras.openscenario.drive_numbers import (
+    constant,
+    of_vehicle,
+    operation,
+    vehicle_number,
+)
 from sumo_eval.extras.openscenario.frame import ORIGIN, SAME, Frame
 from sumo_eval.extras.openscenario.moments import AT_ONCE, NEVER, Moment, Span
 from sumo_eval.extras.openscenario.network import ON, Lane, MapRoad, in_frame
@@ -179,7 +184,7 @@ def _keep_relative(
     """
     entity.pace, value = speed, target.number("value")
     factor, added = (value, 0.0) if _by_factor(target) else (1.0, value)
-    number = float(traffic.places.referred(target).number)
+    number = float(vehicle_number(traffic.places.referred(target), target))
     # pairs as in `_keep_distance`: the second 0 keeps the speed alone, so the last pair is unused
     return match_vehicle(traffic, entity, begin, (number, factor), (added, 0.0), (0.0, 0.0))
 
@@ -289,7 +294,11 @@ def _keep_distance(traffic: FileTraffic, element: Node, entity: Entity, begin: M
         entity.pace = other.pace
     # pairs of `played.PLAY` under `match`: (followed vehicle, factor), (speed added, kept: 1 a
     # position, 2 one within limits), (distance, time gap)
-    keeps = (float(other.number), 1.0), (0.0, 2.0 if limits else 1.0), (apart, gap)
+    keeps = (
+        (float(vehicle_number(other, element)), 1.0),
+        (0.0, 2.0 if limits else 1.0),
+        (apart, gap),
+    )
     if not limits:
         return match_vehicle(traffic, entity, begin, *keeps)
     for name in ("maxAccelerationRate", "maxDecelerationRate"):
