@@ -14,7 +14,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from sumo_eval.errors import InputError, check_known, must_be
+from sumo_eval.errors import InputError, SumoEvalError, check_known, must_be, users_code
 from sumo_eval.groups import grouped
 from sumo_eval.scenario.concrete import ConcreteScenario
 from sumo_eval.scenario.file_tables import OptionTable, ScenarioFile
@@ -153,13 +153,15 @@ def check_points(logical: LogicalScenario, points: FloatArray) -> None:
 
     Raises InputError at the first fault.
     """
-    for concrete in logical.concretes(points):
-        _check_point(logical, concrete)
-    # called for their errors only
-    if logical.approach is not None:
-        logical.approach(logical.columns(points))
-    if logical.margin is not None:
-        logical.margin(logical.columns(points))
+    # functions of a scenario in Python are the user's
+    with users_code(f"Scenario `{logical.name}` failed", SumoEvalError):
+        for concrete in logical.concretes(points):
+            _check_point(logical, concrete)
+        # called for their errors only
+        if logical.approach is not None:
+            logical.approach(logical.columns(points))
+        if logical.margin is not None:
+            logical.margin(logical.columns(points))
 
 
 def _check_point(logical: LogicalScenario, concrete: ConcreteScenario) -> None:

@@ -15,7 +15,14 @@ from numbers import Real
 import numpy as np
 from numpy.typing import ArrayLike
 
-from sumo_eval.errors import InputError, check_known, check_name, must_be
+from sumo_eval.errors import (
+    InputError,
+    SumoEvalError,
+    check_known,
+    check_name,
+    must_be,
+    users_code,
+)
 from sumo_eval.frozen import frozen, required
 from sumo_eval.scenario.concrete import (
     CHANGES,
@@ -399,8 +406,19 @@ class LogicalScenario:
         return holds
 
     def exposures(self, points: FloatArray) -> FloatArray:
-        """Exposure of each of the points (n, k); a user's function may give one number for all."""
-        return np.broadcast_to(self.exposure(self.columns(points)), len(points))
+        """Exposure of each of the points (n, k); a user's function may give one number for all.
+
+        Raises InputError unless it is finite and at least 0 at each of them.
+        """
+        with users_code(f"The exposure of scenario `{self.name}` failed", SumoEvalError):
+            given = np.asarray(self.exposure(self.columns(points)), float)
+            exposure = np.broadcast_to(given, len(points))
+        wrong = ~(np.isfinite(exposure) & (exposure >= 0.0))
+        for row in np.flatnonzero(wrong)[:1]:  # the error names the first
+            got = f"{exposure[row]:g} at {point_words(self.point(points[row]))}"
+            owner = f"scenario `{self.name}`"
+            raise must_be("The exposure", owner, "finite and at least 0 at every point", got)
+        return exposure
 
     def concrete(self, **values: float) -> ConcreteScenario:
         """The concrete scenario at a point.

@@ -25,6 +25,7 @@ from sumo_eval.scenario import (
 )
 from sumo_eval.scenario.distribution import Distribution
 from sumo_eval.scenario.expression import Definitions, Expression
+from sumo_eval.scenario.file import check_points
 from sumo_eval.scenario.formulas import ExposureDensity
 from sumo_eval.scenario.number_table import read_numbers
 from sumo_eval.scenario.sampling.combinations import tuples_of
@@ -239,6 +240,38 @@ def test_weighted_by_danger_a_mean_is_still_the_mean_over_the_exposure():
 def test_an_exposure_of_nothing_is_refused():
     with refusal("above 0 somewhere"):
         draw(space(axis("a"), exposure=lambda values: np.zeros(np.shape(values["a"]))), "exposure")
+
+
+@pytest.mark.parametrize(
+    "exposure, words",
+    [
+        (lambda values: 1.0 / values["a"], "at every point, got 'inf at a=0'"),
+        (lambda values: values["a"] - 0.3, "finite and at least 0 .* got '-0.3 at a=0'"),
+        (lambda values: np.where(values["a"] > 0.3, np.nan, 1.0), "got 'nan at a=0.5'"),
+        (lambda values: 1 // 0, "exposure of scenario `box` failed: ZeroDivisionError"),
+        (lambda values: np.ones(3), "exposure of scenario `box` failed: ValueError"),
+    ],
+)
+def test_exposure_that_weights_no_mean_is_refused(exposure, words):
+    with np.errstate(divide="ignore"), refusal(words):
+        sample(space(axis("a"), exposure=exposure))
+
+
+@pytest.mark.parametrize("function", ["place", "approach", "margin"])
+def test_function_of_a_scenario_that_fails_is_reported(function):
+    fails = replace(SQUARE, **{function: lambda values: 1 // 0})
+    with refusal("Scenario `box` failed: ZeroDivisionError"):
+        check_points(fails, [[0.5, 0.5]])
+
+
+def test_distribution_without_a_finite_density_at_an_end_is_refused():
+    spread = Distribution.of("gamma", {"a": 0.5}, "a test")
+    steep = axis("a", distribution=spread)
+    density = ExposureDensity((steep,), None, Definitions(()))
+    for method in ("grid", "exposure"):
+        with refusal("got 'inf at a=0'"):
+            drawn = Request(count=64) if method == "exposure" else Request()
+            sample(space(steep, exposure=density), method, request=drawn)
 
 
 # --- the user's own -------------------------------------------------------------------------------
