@@ -140,8 +140,9 @@ def _rows(evaluation: Evaluation, folder: Path) -> dict[str, CaseResult]:
 def _differences(
     evaluation: Evaluation, ads: str, rows: Mapping[str, CaseResult], settings: GateSettings
 ) -> tuple[dict[str, float], dict[str, CaseChange]]:
-    """`floors` and `apart` of an ADS's `Repeats`, of everything that the rule looks at except
-    measured times, which differ in any two drives.
+    """`floors` and `apart` of an ADS's `Repeats`, from bad ends and the quantities that the rule
+    watches, except measured times, which differ in any two drives. A quantity that only one of the
+    drives has counts if it has a zone.
 
     rows: of the second drives, by case.
     """
@@ -161,6 +162,15 @@ def _differences(
             continue
         before, after = (getattr(it, name).astype(np.float64) for it in (once, twice))
         floors[name] = floor_of(after - before, settings.noise)
+        if measure.zone is not None:
+            limit = measure.sign * measure.zone
+            # As in the rule, the zone's limit replaces a missing value. It also replaces a lone value
+            # outside the zone: the rule does not count such a case.
+            lone = np.isnan(before) != np.isnan(after)
+            before, after = (
+                np.where(lone, measure.sign * np.fmin(measure.sign * it, limit), it)
+                for it in (before, after)
+            )
         far = np.abs(after - before) > tolerance(before, measure)
         for k in np.flatnonzero(far):
             change = CaseChange.of(first[k], before[k], after[k], f" {name}")

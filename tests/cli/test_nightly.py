@@ -12,7 +12,9 @@ import subprocess
 import sys
 import time
 from contextlib import closing, suppress
+from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import junitparser
 import pytest
@@ -26,9 +28,10 @@ from tables import in_campaign
 from cli.nights import evaluation, plant
 from sumo_eval import evaluate, open_run
 from sumo_eval.errors import InputError, StoppedError
+from sumo_eval.evaluation import score
 from sumo_eval.nightly.history import HISTORY, open_history
 from sumo_eval.nightly.night import _clear_away, _prune, _refuse_without_room, run_night
-from sumo_eval.nightly.repeats import repeats_of
+from sumo_eval.nightly.repeats import _differences, repeats_of
 from sumo_eval.record.store import open_store
 from sumo_eval.scenario.shipped_files import scenario_files
 from sumo_eval.scoring.gate_settings import GateSettings, NoiseSettings
@@ -689,6 +692,20 @@ def test_failure_in_the_second_drive_alone_is_reported(tmp_path):
     assert night.case(key).values == {"ego_speed": 30.0, "lead_speed": 0.0}
     assert change.words.startswith("ok -> ads_error; ")
     assert "latency_relative" not in repeats.floors
+
+
+@pytest.mark.parametrize(
+    "first, second, apart",
+    [(0.3, None, 1), (None, 0.3, 1), (2.0, None, 0), (1.45, None, 0), (None, None, 0)],
+)
+def test_ttc_in_one_of_two_drives_only_counts_inside_its_zone(week, first, second, apart):
+    """The zone ends at 1.5 s, the tolerance is 0.1 s or a tenth."""
+    night = score(week[1] / nights(week[1])[0].folder)
+    case = next(iter(night.cases))
+    once = SimpleNamespace(cases=[replace(case, min_ttc=first)], settings=night.settings)
+    rows = {case.case: replace(case, min_ttc=second)}
+    _, differences = _differences(once, case.ads, rows, GateSettings())
+    assert len(differences) == apart
 
 
 def test_a_noisy_ads_is_found_and_its_new_collision_rerun(tmp_path, monkeypatch):
