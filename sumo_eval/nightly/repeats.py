@@ -54,8 +54,9 @@ def repeats_of(
     if not settings.noise.cases:
         return {}
     plan = planner(evaluation.resolved)
-    # An ADS that carries state from case to case shall drive differently: the order is reversed,
-    # and each case is driven alone, because in a batch the cases may share state of its module.
+    # So that an ADS that carries state from case to case drives differently, the cases come in
+    # another order, and each is driven alone: in a batch they may share state of the ADS's module.
+    # Only a policy over arrays keeps its fixed batches, on which its drives may depend.
     sample = _sample(plan, settings.noise.cases)[::-1]
     alone = replace(plan.setup, run=replace(plan.setup.run, cases_per_pack=1))
     alike: dict[str, list[bool]] = {ads.name: [] for ads in evaluation.settings.ads}
@@ -218,15 +219,16 @@ def _newly_bad_cases(
         )
         for part in comparison.ads
         if noise.of(part.ads).noisy
-        for worse in newly_bad(part, settings, noise.of(part.ads)).values()
-        for pair in worse
+        for pairs in newly_bad(part, settings, noise.of(part.ads)).values()
+        for pair in pairs
     }
 
 
 def shaky_cases(
     evaluation: Evaluation, bad: Sequence[Mapping[str, int]], settings: GateSettings
 ) -> set[ShakyCase]:
-    """Rerun cases that were not bad in all of their drives, compared with any base.
+    """Rerun cases that, whichever base they are compared with, were not bad in at least one of their
+    drives.
 
     bad: from `bad_again`.
     """
