@@ -4,10 +4,12 @@ line of history.
 DIR/nights/<time>/ is the folder of a night, DIR/history.sqlite the history.
 
 A night counts once the history has its line. The line is written in one transaction, after all
-results, so no unfinished night is ever compared with. The history also notes which nights began: a
-night that began and has no line was stopped. The next start with `--resume` continues it. Any other
-start removes its folder, unless its run is complete. Both are reported. Only folders of nights that
-the history knows are ever removed.
+cases are scored and its gate is evaluated, so no unfinished night is ever compared with. Files that
+are written after it (`nightly/morning.py`, the trend) can be missing.
+
+The history also notes which nights began: a night that began and has no line was stopped. The next
+start with `--resume` continues it, any other start removes its folder, unless its run is complete. A
+note of that night says which. Only folders of nights that the history knows are ever removed.
 
 Users: `cli/compare.py`.
 """
@@ -102,12 +104,12 @@ def run_night(
         notes = _clear_away(history, database, stopped)
         clock = time.monotonic()
         folder = history / NIGHTS / (stopped or _begin(history, database, notes, resume))
-        resume = bool(stopped)  # from here on: whether there is a night to continue
-        with _unfinished(folder, resumed=resume):
-            run = resolve(evaluation, folder, resume, workers=workers)
+        continues = stopped is not None
+        with _unfinished(folder, resumed=continues):
+            run = resolve(evaluation, folder, continues, workers=workers)
             with stopping() as is_asked_to_stop:
                 recorded = record_rounds(
-                    run, folder, resume=resume, progress=progress, stopping=is_asked_to_stop
+                    run, folder, resume=continues, progress=progress, stopping=is_asked_to_stop
                 )
             scored = score(folder, progress=progress, resolved=run)
             judgement = judge_night(history, database, scored, gate, progress)
@@ -121,7 +123,7 @@ def run_night(
                 scored, folder.name, f"{NIGHTS}/{folder.name}", status, result.sentence
             )._replace(
                 base=None if base is None else base.night,
-                wall_time=None if resume else time.monotonic() - clock,
+                wall_time=None if continues else time.monotonic() - clock,
             )
             database.add(
                 line,
@@ -272,7 +274,7 @@ def import_run(history: Path, run: Path, progress: Progress = quiet) -> Night:
     An imported night is a base only if it is accepted, because no gate was evaluated for it.
     """
     with _only_one(history):
-        # before a history is made: an empty one would let the next night begin without its base
+        # First: if it fails, no empty history is left, which `_refuse_without_history` would let pass
         evaluation = score(run, progress=progress)
         created = datetime.fromisoformat(str(evaluation.manifest["created"])).astimezone(UTC)
         words = "Imported; no gate evaluated it."
@@ -448,8 +450,9 @@ def _prune(history: Path, database: History, keep: int) -> list[str]:
     nights = database.ran()
     good = [night for night in nights if night.good]
     kept = {night.night for night in (*nights[-keep:], *good[-1:])}
-    # The newest acceptance in force counts. When it expires, an older one may count again. So for
-    # the last day of each acceptance (9999: without end) the night that counts on that day stays.
+    # The newest acceptance in force counts. When it expires, an older one may count again. Each that
+    # will count on some day also counts on its own last day (9999: without end), because those that
+    # are newer have expired by then. So these days name all nights that must stay.
     pins = in_force(database.accepted())
     for day in {pin.until or "9999-12-31" for pin in pins}:
         kept |= {pin.night for pin in in_force(pins, day)[-1:]}
