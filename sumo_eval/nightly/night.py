@@ -227,9 +227,7 @@ def _unfinished(folder: Path, *, resumed: bool) -> Iterator[None]:
     try:
         yield
     except (KeyboardInterrupt, StoppedError):  # the text of a StoppedError is that of `run`
-        raise StoppedError(
-            f"Stopped. The same command with --resume continues night {folder.name}."
-        ) from None
+        raise StoppedError(f"Stopped. {_how_to_continue(folder)}") from None
     except (InputError, OSError, sqlite3.Error) as error:
         cause = error.__cause__ or error  # of an InputError that names the file
         full = _is_full(cause, folder)
@@ -240,7 +238,7 @@ def _unfinished(folder: Path, *, resumed: bool) -> Iterator[None]:
                 f"Night {folder.name} was not continued: {error} It stays; without --resume a new "
                 "one begins, and this one is removed unless its run is complete."
             ) from error
-        rest = "The same command with --resume continues."
+        rest = _how_to_continue(folder)
         if full:
             # this night's cases must not keep the disk full until tomorrow
             shutil.rmtree(folder, ignore_errors=True)
@@ -249,6 +247,13 @@ def _unfinished(folder: Path, *, resumed: bool) -> Iterator[None]:
             f"The night could not be finished: {said(cause)}. Earlier nights are as they were. "
             f"{rest}"
         ) from error
+
+
+def _how_to_continue(folder: Path) -> str:
+    """Sentence of the message on a night that was stopped."""
+    if is_run(folder):
+        return f"The same command with --resume continues night {folder.name}."
+    return "It has recorded nothing; the same command begins a new night."
 
 
 def _is_full(error: BaseException, folder: Path) -> bool:

@@ -288,6 +288,20 @@ def test_a_disk_that_fails_without_being_full_and_a_late_ctrl_c_keep_the_night(
     assert len(nights(history)) == before + 1
 
 
+@pytest.mark.parametrize("fault", [KeyboardInterrupt(), OSError(errno.EIO, "Input/output error")])
+def test_a_night_stopped_before_it_recorded_cannot_be_continued(tmp_path, fault, monkeypatch):
+    """Ctrl-C while its ADSs load, for example."""
+
+    def stop(*_, **__):
+        raise fault
+
+    monkeypatch.setattr("sumo_eval.nightly.night.record_rounds", stop)
+    with pytest.raises(
+        (InputError, StoppedError), match="recorded nothing; the same command begins a new night"
+    ):
+        run(evaluation(tmp_path), tmp_path / "history")
+
+
 def test_a_full_disk_leaves_earlier_nights_alone(file, history, monkeypatch):
     before = nights(history)
 
