@@ -8,8 +8,9 @@ cases are scored and its gate is evaluated, so no unfinished night is ever compa
 are written after it (`nightly/morning.py`, the trend) can be missing.
 
 The history also notes which nights began: a night that began and has no line was stopped. The next
-start with `--resume` continues it, any other start removes its folder, unless its run is complete. A
-note of that night says which. Only folders of nights that the history knows are ever removed.
+start with `--resume` continues it. Any other start removes its folder, unless its run is complete.
+A note of the night that starts says which. Only folders of nights that the history knows are ever
+removed.
 
 Users: `cli/compare.py`.
 """
@@ -279,7 +280,7 @@ def import_run(history: Path, run: Path, progress: Progress = quiet) -> Night:
     An imported night is a base only if it is accepted, because no gate was evaluated for it.
     """
     with _only_one(history):
-        # First: if it fails, no empty history is left, which `_refuse_without_history` would let pass
+        # first: a failure must not leave an empty history, which `_refuse_without_history` accepts
         evaluation = score(run, progress=progress)
         created = datetime.fromisoformat(str(evaluation.manifest["created"])).astimezone(UTC)
         words = "Imported; no gate evaluated it."
@@ -455,9 +456,9 @@ def _prune(history: Path, database: History, keep: int) -> list[str]:
     nights = database.ran()
     good = [night for night in nights if night.good]
     kept = {night.night for night in (*nights[-keep:], *good[-1:])}
-    # The newest acceptance in force counts. When it expires, an older one may count again. Each that
-    # will count on some day also counts on its own last day (9999: without end), because those that
-    # are newer have expired by then. So these days name all nights that must stay.
+    # The newest acceptance in force counts. When it expires, an older one may count again. Each
+    # that will count on some day also counts on its own last day (9999: without end), because newer
+    # ones have expired by then. So these days give all nights that must stay.
     pins = in_force(database.accepted())
     for day in {pin.until or "9999-12-31" for pin in pins}:
         kept |= {pin.night for pin in in_force(pins, day)[-1:]}

@@ -165,8 +165,8 @@ def _differences(
         floors[name] = floor_of(after - before, settings.noise)
         if measure.zone is not None:
             limit = measure.sign * measure.zone
-            # As in the rule, the zone's limit replaces a missing value. It also replaces a lone value
-            # outside the zone: the rule does not count such a case.
+            # As in the rule, the zone's limit replaces a missing value. It also replaces a lone
+            # value outside the zone: the rule does not count such a case.
             lone = np.isnan(before) != np.isnan(after)
             before, after = (
                 np.where(lone, measure.sign * np.fmin(measure.sign * it, limit), it)
@@ -227,8 +227,7 @@ def _newly_bad_cases(
 def shaky_cases(
     evaluation: Evaluation, bad: Sequence[Mapping[str, int]], settings: GateSettings
 ) -> set[ShakyCase]:
-    """Rerun cases that, whichever base they are compared with, were not bad in at least one of their
-    drives.
+    """Rerun cases that, compared with either base, were not bad in at least one of their drives.
 
     bad: from `bad_again`.
     """
