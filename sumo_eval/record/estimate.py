@@ -168,15 +168,12 @@ def _kinds(plan: Planner, spaces: Sequence[Space]) -> Iterable[Kind]:
         for it in spaces
     ]
     kinds = {sort: list[Iterable[Case]]() for sort in _SORTS}
-    # Each scenario begins with another ADS. Otherwise the pairs chosen below, every n-th, could all
-    # have the same ADS.
     ads = plan.run.settings.ads
-    pairs = [
-        (space, ads[(first + number) % len(ads)])
-        for first, space in enumerate(few)
-        for number in range(len(ads))
-    ]
-    for space, entry in pairs[:: ceil(len(pairs) / _MOST_KINDS)]:
+    pairs = min(len(ads) * len(few), _MOST_KINDS)
+    # The ADSs alternate, so that each is timed equally often. The scenarios follow each other,
+    # each with an equal share of the pairs. No pair occurs twice.
+    for number in range(pairs):
+        space, entry = few[number * len(few) // pairs], ads[number % len(ads)]
         run = replace(plan.run, settings=replace(plan.run.settings, ads=(entry,)))
         kinds["ads"].append(replace(plan, run=run).ads(space))
     for stage in chain.from_iterable(stages(space, plan) for space in few):

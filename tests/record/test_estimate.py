@@ -1,5 +1,6 @@
 """A dry run of many ADSs or points: it looks at a few of them, and counts them all."""
 
+from collections import Counter
 from dataclasses import replace
 from pathlib import Path
 
@@ -49,6 +50,23 @@ def test_an_estimate_of_many_ads_times_a_few_of_them(count, scenarios, monkeypat
     assert len(timed) == 12
     assert {len({case.driver for case in cases}) for cases in timed} == {1}
     assert len({cases[0].driver for cases in timed}) == 12
+
+
+@pytest.mark.parametrize("ads, scenarios", [(12, 11), (5, 7), (1, 30), (3, 2)])
+def test_ads_and_scenarios_are_timed_equally_often(ads, scenarios):
+    settings = replace(small({f"a{number}": "idm" for number in range(ads)}), scenario=(HALTON,))
+    plan, (space,) = facts.planned(Resolved.of(settings, HERE), looked_at=10)
+    spaces = [replace(space, numbers=[number]) for number in space.numbers[:scenarios]]
+    pairs = [
+        (cases[0].driver, cases[0].concrete.label)
+        for sort, cases in costs._kinds(plan, spaces)
+        if sort == "ads"
+    ]
+    assert len(set(pairs)) == len(pairs) == min(ads * scenarios, 12)
+    for names, number in zip(zip(*pairs, strict=True), (ads, scenarios), strict=True):
+        often = Counter(names)
+        assert len(often) == min(number, 12)
+        assert max(often.values()) - min(often.values()) <= 1
 
 
 def test_estimate_of_a_run_to_resume_counts_all_its_rounds(tmp_path):
