@@ -171,6 +171,14 @@ def test_a_client_that_sets_a_wrong_number_is_noticed(tmp_path, setter):
     assert found.error.endswith(" s; it must be a finite number.")
 
 
+def test_a_client_may_name_the_vehicle_of_a_call(tmp_path):
+    drive = "def drive(traci, ego):\n    traci.vehicle.setSpeed(vehID=ego, speed=19.5)\n"
+    (tmp_path / "the_drive.py").write_text(drive)
+    found = run(tmp_path, CLIENT)
+    assert_ended(found)
+    assert found.ego.speed[-1] == 19.5
+
+
 @pytest.mark.parametrize("call", ["setSpeed('ego', v)", "slowDown('ego', v, 1.0)"])
 @pytest.mark.parametrize("value, fails", [("nan", True), ("inf", True), ("12.5", False)])
 def test_a_client_in_another_language_is_checked_too(tmp_path, call, value, fails):

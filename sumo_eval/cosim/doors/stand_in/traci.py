@@ -68,10 +68,11 @@ def _of_finite_numbers(call: str, usual: Any) -> Any:
     numbers, and does not show them to the harness.
     """
 
-    def checked(self: Any, vehicle: str, *values: float, **named: float) -> Any:
-        if not all(map(math.isfinite, (*values, *named.values()))):
-            sys.exit(f"sumo_eval: traci.vehicle.{call} must be given finite numbers, got {values}")
-        return usual(self, vehicle, *values, **named)
+    def checked(self: Any, vehID: str, *values: float, **named: float) -> Any:  # noqa: N803
+        numbers = (*values, *named.values())
+        if not all(map(math.isfinite, numbers)):
+            sys.exit(f"sumo_eval: traci.vehicle.{call} must be given finite numbers, got {numbers}")
+        return usual(self, vehID, *values, **named)
 
     return checked
 
