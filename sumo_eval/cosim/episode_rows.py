@@ -102,10 +102,9 @@ class EpisodeRows:
         if stage is not None:
             stage.put_aside(gone)
             stage.tell(world, count)
-            if steps:  # before step 0 SUMO has all vehicles at their starts
-                restarted = np.flatnonzero(egos["begun"] == steps)
-                for row in restarted.tolist():
-                    stage.begin_again(world, row)
+            # at step 0 all rows begin: SUMO may have the starts of cases that others replaced
+            for row in np.flatnonzero(egos["begun"] == steps).tolist():
+                stage.begin_again(world, row)
             stage.step()
             if stage.compares(steps):
                 stage.compare(world)

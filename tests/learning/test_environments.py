@@ -307,6 +307,16 @@ def test_max_episode_steps_truncates_one_and_many(sumo):
     assert list(steps[4][4]["end_reason"]) == ["step_limit"] * 2
 
 
+def test_a_second_reset_before_the_first_step_begins_its_own_point():
+    """SUMO still has the vehicles of the first reset's point at their starts."""
+    interface = Interface(RAW.features, (Action("acceleration"),))
+    env = make("sumo_eval/cut_in-v0", interface=interface, sumo=True)
+    for speed in (30.0, 20.0):
+        _, info = env.reset(seed=0, options={"ego_speed": speed})
+    assert not env.step(np.zeros(1))[3]
+    assert info["values"]["ego_speed"] == 20.0
+
+
 def test_an_action_of_a_discrete_set_is_its_values():
     """Two accelerations by three angles: action 4 is the second and the second."""
     set_of = Action("acceleration", values=(-2.0, 1.0)), Action("steering", values=(-0.1, 0.0, 0.1))
