@@ -56,7 +56,7 @@ def with_no_return(
     """The recordings; those with a contact get the clip `NO_RETURN`."""
     marked = list(recordings)
     contacts = {
-        index: _Contact(case, it, it.collision, it.commands)
+        index: _Contact(_standing_long(case, settings), it, it.collision, it.commands)
         for index, (it, case) in enumerate(zip(recordings, cases, strict=True))
         if isinstance(it, Recording) and it.collision and it.commands is not None
     }
@@ -73,6 +73,12 @@ def with_no_return(
     return marked
 
 
+def _standing_long(case: ConcreteScenario, settings: SimulationSettings) -> ConcreteScenario:
+    """The case, in which a drive ends `_STANDSTILL` or longer after the ego has stopped."""
+    usual = case.simulation(settings).standstill_time
+    return replace(case, standstill_time=max(usual, _STANDSTILL))
+
+
 def _last_steps(contacts: Mapping[int, _Contact], settings: SimulationSettings) -> dict[int, float]:
     """Last step from which braking avoids each contact, found by bisection around an estimate.
 
@@ -80,13 +86,7 @@ def _last_steps(contacts: Mapping[int, _Contact], settings: SimulationSettings) 
     braking from the start does not avoid the contact.
     """
     # no conditions and no plant: the recorded commands show their effect already
-    plain = replace(
-        settings,
-        conditions=ConditionSettings(),
-        plant=None,
-        end_when_decided=True,
-        standstill_time=max(settings.standstill_time, _STANDSTILL),
-    )
+    plain = replace(settings, conditions=ConditionSettings(), plant=None, end_when_decided=True)
 
     # by contact. low: last step from which braking is known to avoid it, at first none: `NEVER` is
     # -1, the step before the first. high: first step from which braking is known not to.

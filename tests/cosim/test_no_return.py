@@ -1,5 +1,7 @@
 """The point of no return: closed forms, monotone in time, and when there is none."""
 
+from dataclasses import replace
+
 import pytest
 from road_scenes import actor, case, lead
 
@@ -91,9 +93,13 @@ def test_without_room_nothing_helps():
         assert repr(clip_of(found).first_time) == repr(NEVER)
 
 
-def test_braking_to_a_stop_does_not_avoid_a_vehicle_behind():
+@pytest.mark.parametrize("standstill_time", [None, 0.1])
+def test_braking_to_a_stop_does_not_avoid_a_vehicle_behind(standstill_time):
     """It comes when the ego has stood for longer than a case lasts."""
-    concrete = case(lead(100.0, speed=5.0), actor("chaser", -39.0, speed=10.0), speed=20.0)
+    concrete = replace(
+        case(lead(100.0, speed=5.0), actor("chaser", -39.0, speed=10.0), speed=20.0),
+        standstill_time=standstill_time,
+    )
     (found,) = with_no_return([simulate(concrete, "idm")], [concrete], USUAL)
     assert found.collision.other == "chaser"
     assert clip_of(found).first_time == NEVER
