@@ -192,6 +192,8 @@ class Executor:
         direction, plan_speed = plan[2:]
         if time > track.end + SAME_TIME:
             self._note("plan_ended", track.end, time)
+        if plan_speed < 0.0:  # as in `_towards`
+            self._note("negative_speed", plan_speed, 0.0)
         dx, dy = plan[0] - x, plan[1] - y
         self._note("plan_error", 0.0, sqrt(dx * dx + dy * dy))
         behind = dx * cos(direction) + dy * sin(direction)

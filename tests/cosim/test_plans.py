@@ -188,8 +188,11 @@ def test_a_wanted_speed_is_taken_up_by_the_stated_first_order_law():
     assert_last(found, 0.01, speed=19.0)
     left = found.ego.speed[21:41:10] - 19.0
     assert left[1] / left[0] == pytest.approx(0.975**20, rel=1e-4)  # the brakes let go at 60 m/s3
-    found = half_second(lambda seen: Command(speed=-5.0))
-    assert clips_of(found)["negative_speed"].requested == -5.0
+    backwards = lambda seen: Plan([0.0, 9.0], [50.0, 60.0], [0.0, 0.0], speed=[-5.0, -5.0])  # noqa: E731
+    for ads in (backwards, lambda seen: Command(speed=-5.0)):
+        found = half_second(ads)
+        clip = clips_of(found)["negative_speed"]
+        assert (clip.requested, clip.applied) == (-5.0, 0.0)
 
 
 def test_pedals_are_shares_of_what_the_vehicle_can_do():
