@@ -176,6 +176,8 @@ read x; echo {}; read x; echo "{\"brake\":1,\"speed\":1}"
 read x; echo {}; read x; echo "{\"brake\": 2}"
 | `brake` of the ADS's pedals must be within 0..1, got 2
 read x; echo {}; read x; echo "{\"plan\": null}" | must give a plan before one can hold at 0.00 s.
+read x; echo {}; read x; echo "{\"speed\": null}"
+| must have an `acceleration`, got {"speed": null} at 0.00 s.
 read x; echo {}; read x; echo "{\"acceleration\": NaN}"
 | must be a finite number, got nan at 0.00 s.
 read x; echo {}; read x; echo "{\"acceleration\": \"1\"}"

@@ -175,7 +175,7 @@ def _request(answer: _Message) -> Any:
     kind = next((name for name in _ANSWERS if name in answer), "acceleration")
     names, make = _ANSWERS[kind]
     _refuse_other_names(answer, names, "answer")
-    if kind not in answer:
+    if kind not in answer or (kind == "speed" and answer[kind] is None):
         raise ControllerError(
             "Without a `speed`, a `throttle`, a `brake` or a `plan` the ADS's answer must have an "
             f"`acceleration`, got {json.dumps(answer)}"
