@@ -275,6 +275,10 @@ quits.py:Ads | making one without arguments failed: SystemExit: 2
             (f"lazy.py:{it}", f"`lazy.py:{it}` cannot be loaded: RuntimeError: no weights.")
             for it in ("Act", "Batch", "Typed")
         ),
+        *(
+            (f"late.py:{it}", f"`{it.lower()}` of ADS `late.py:{it}` must not be `async`")
+            for it in ("Reset", "Act", "Step", "Close")
+        ),
     ],
 )
 def test_what_cannot_be_a_controller_is_refused_before_a_run(tmp_path, own_path, locator, sentence):
@@ -286,6 +290,11 @@ def test_what_cannot_be_a_controller_is_refused_before_a_run(tmp_path, own_path,
         "lazy.py": "class Act:\n    @property\n    def act(self): raise RuntimeError('no weights')\n"
         "class Batch:\n    act, batch = None, Act.act\n"
         "class Typed:\n    step, vehicle_type = print, Act.act\n",
+        "late.py": "class Reset:\n    async def reset(self, briefing): pass\n"
+        "    def act(self, seen): return 0.0\n"
+        "class Close(Reset):\n    reset, close = None, Reset.reset\n"
+        "class Act:\n    act = Reset.reset\n"
+        "class Step:\n    step = Reset.reset\n",
     }
     lay(tmp_path, files)
     with refused(sentence):

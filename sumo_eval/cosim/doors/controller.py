@@ -509,6 +509,12 @@ def adapted(target: Any, described: str, options: Mapping[str, Any]) -> Adapter:
         # read here too, where an error of the user's property becomes a message
         for name in ("batch", "settled", "vehicle_type"):
             getattr(target, name, None)
+        for name in ("reset", "act", "step", "close"):
+            if inspect.iscoroutinefunction(getattr(target, name, None)):
+                raise InputError(
+                    f"`{name}` of ADS `{described}` must not be `async`, as nothing awaits it: "
+                    "it may call `asyncio.run`."
+                )
         adapter = _adapter_of(target)
     except InputError:
         raise
