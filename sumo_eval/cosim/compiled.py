@@ -159,12 +159,14 @@ class Compiled:
 
     def step(self, traci: Any, ego: str, time: float) -> Command:
         """One step of a case on TraCI: makes one row of what TraCI shows, and calls the loop."""
-        if not self._sizes:  # the first step: all vehicles are there
+        # a class that wraps this one may call it first at a later time than 0
+        is_first = not self._sizes
+        if is_first:  # all vehicles are there
             self._begin(traci, ego)
         movers = self._movers(traci)
         egos = self._egos
         egos["time"] = time
-        if time == 0.0:
+        if is_first:
             egos["way"][0] = way_of(self._way, movers["y"][0], movers["speed"][0])
         egos["seen"][0] = movers[0]
         self._seen[0] = movers[1:]

@@ -459,6 +459,22 @@ def test_law_a_baseline_in_traci_goes_on_when_one_has_left(line):
         assert_ended(found, "road_end")
 
 
+class TakesOver(CarefulDriver):
+    """SUMO drives first."""
+
+    def step(self, traci, ego, time):
+        return super().step(traci, ego, time) if time > 0.9 else None
+
+
+def test_a_baseline_that_begins_later_keeps_the_lane_it_is_in():
+    curve = replace(ROAD, line=(arc(400.0, 500.0),), run_out=0.0)
+    found = simulate(
+        replace(case(y=3.5), road=curve), TakesOver, SimulationSettings(time_limit=6.0)
+    )
+    assert_ended(found)
+    assert found.ego.y == pytest.approx(3.5, abs=0.1)
+
+
 def test_a_subclass_that_decides_otherwise_is_asked(alone):
     cases = behind(10.0, 15.0)
     assert [
