@@ -431,6 +431,22 @@ def test_every_way_to_keep_state_is_seen_and_nan_is_none():
         assert first_change(before, kept_state(derived)) == "Slots", change
 
 
+def test_what_many_objects_hold_is_looked_into_once():
+    """A map whose lanes know each other and the map would take minutes."""
+    lanes = [SimpleNamespace(points=[1.0 * lane, 2.0]) for lane in range(30)]
+    for lane in lanes:
+        lane.map = lane.others = list(lanes)
+    kind = type("Kind", (), {"map": dict(enumerate(lanes)), "now": [lanes[0].points]})
+    assert len(repr(kept_state(kind)["Kind"])) < 100_000
+    for change in (
+        lambda: lanes[29].points.__setitem__(1, 3.0),
+        lambda: kind.now.__setitem__(0, lanes[1].points),
+    ):
+        before = kept_state(kind)
+        change()
+        assert first_change(before, kept_state(kind)) == "Kind"
+
+
 @pytest.mark.parametrize(
     "folder, is_reached", [("project", True), ("site-packages", False), ("dist-packages", False)]
 )

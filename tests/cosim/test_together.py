@@ -317,6 +317,17 @@ def test_a_policy_whose_shared_state_matters_drives_alone(ads, number):
     assert_as_alone(cases, together, ads, DECIDED)
 
 
+def test_code_without_a_module_drives_together():
+    """Code that a user's program has made by `exec`, with variables of its own."""
+    made = {}
+    exec("def policy(seen): return -1.0", made)
+    exec("def hook(traci, ego, time): traci.vehicle.setSpeed(ego, 10.0)", made)
+    for ads in (made["policy"], made["hook"]):
+        cases, why = points("cut_in", 997), Counter()
+        assert_as_alone(cases, simulate_many(cases, ads, SHORT, alone=why), ads, SHORT)
+        assert not why
+
+
 class AllAtOnce:
     """The ten lines of an ACC over arrays."""
 

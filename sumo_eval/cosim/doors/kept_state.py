@@ -28,6 +28,9 @@ from sumo_eval.cosim.doors.traci_module import TRACI
 from sumo_eval.cosim.sumo.insides import libsumo
 
 State = dict[str, object]  # snapshots (`_frozen`) by name
+# by id of an object: its number, the least depth at which it was looked into, and the object
+# itself, so that no other object gets its id
+_Seen = dict[int, tuple[int, int, Any]]
 _DEEPEST = 12  # containers and objects within each other that are looked into
 _MOST = 10_000  # members of a container that are compared
 _CONTAINERS = (dict, list, tuple, set, frozenset, deque)
@@ -101,7 +104,7 @@ def reached_modules(ads: Any) -> list[ModuleType]:
 
     Installed packages are left out, except the ADS's own.
     """
-    own = ads.__module__.partition(".")[0]
+    own = (ads.__module__ or "").partition(".")[0]  # code of `exec` may have no module
     reached = {}
     waiting = [ads]  # modules, and values whose modules are looked into
     while waiting:
@@ -148,7 +151,7 @@ def module_of(value: Any) -> ModuleType | None:
     )
     if function is None:
         return None
-    module = ModuleType(function.__module__)
+    module = ModuleType(function.__module__ or "")
     module.__dict__.update(function.__globals__)
     return module
 
@@ -159,27 +162,35 @@ def first_change(before: State, after: State) -> str | None:
     return next((it for it in before | after if before.get(it, ...) != after.get(it, ...)), None)
 
 
-def _frozen(value: Any, depth: int, seen: frozenset[int] = frozenset()) -> object:
+def _frozen(value: Any, depth: int, seen: _Seen | None = None) -> object:
     """A snapshot of a value, to compare with a later one; it does not change with the value.
 
+    An object that it holds many times, or that contains itself, is looked into once: elsewhere its
+    number stands for it.
+
     depth: number of containers and objects around the value.
-    seen: their ids, so that an object that contains itself comes to an end.
+    seen: the objects so far.
     """
     if _is(value, _PLAIN):
         return "nan" if value != value else value
+    if seen is None:
+        seen = {}
+    number, least, _ = seen.get(id(value), (len(seen), _DEEPEST + 2, None))
+    if depth >= least:
+        return "seen", number
+    seen[id(value)] = number, depth, value
     identity = id(value)
     is_container = _is(value, _CONTAINERS)
     try:
         if is_container:  # not by its id: `_parts` makes new containers for each snapshot
             identity = len(value)
-        if depth > _DEEPEST or id(value) in seen:
+        if depth > _DEEPEST:
             return identity
         if content := _content(value):
             return content
         parts = list(_members(value)) if is_container else _parts(value)
     except Exception:  # noqa: BLE001 - methods and attributes of a user's object are user's code
         return identity
-    seen |= {id(value)}
     return identity, [_frozen(it, depth + 1, seen) for it in parts]
 
 
