@@ -399,10 +399,10 @@ def _seal(root: Any, road: bytes, case: str) -> str:
     return hashlib.sha256(repr(elements).encode() + road + case.encode()).hexdigest()
 
 
-def exported_case(root: Any, road: bytes) -> ConcreteScenario | None:
-    """The case of a file that `openscenario_xml` wrote; None for any other file.
+def exported_case(root: Any, road: bytes) -> ConcreteScenario:
+    """The case of a file that `openscenario_xml` wrote.
 
-    root: the file's root element.
+    root: the file's root element; its header has the property `CASE`.
     road: the content of its OpenDRIVE file.
 
     Raises InputError where either file was changed since.
@@ -411,8 +411,6 @@ def exported_case(root: Any, road: bytes) -> ConcreteScenario | None:
         it.get("name"): it.get("value", "")
         for it in root.iterfind("FileHeader/Properties/Property")
     }
-    if CASE not in properties:
-        return None
     if properties.get(_SEAL) != _seal(root, road, properties[CASE]):
         raise InputError(
             "an exported file and its road must be unchanged since; without the <Properties> of "

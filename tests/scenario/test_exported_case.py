@@ -46,6 +46,19 @@ def test_exported_case_drives_to_the_same_digest(tmp_path, name):
         assert digest(simulate(again, controller)) == digest(simulate(case, controller))
 
 
+def test_exported_case_refuses_another_ego_or_road(tmp_path):
+    case = middle("front_vehicle_braking")
+    path = exported(tmp_path, case)
+    (tmp_path / "case.xodr").rename(tmp_path / "moved.xodr")
+    moved = read_file(path, {"map": "moved.xodr", "ego": "ego"})
+    assert concrete(moved, {}).actors == case.actors
+    with refusal("<Entities>: `.ego=` of an exported case must be `ego`, got `Nobody`; without"):
+        read_file(path, {"map": "moved.xodr", "ego": "Nobody"})
+    (tmp_path / "other.xodr").write_text(opendrive_xml(middle("curve_braking").road))
+    with refusal("an exported file and its road must be unchanged"):
+        read_file(path, {"map": "other.xodr"})
+
+
 def test_a_written_braking_keeps_its_jerk(tmp_path):
     case = middle("front_vehicle_braking")
     lead = replace(case.actors[0], acts=(brake_to_stop(1.0, 5.0, 10.0),))

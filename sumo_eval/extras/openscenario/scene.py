@@ -35,7 +35,7 @@ from sumo_eval.scenario.concrete import Actor, ConcreteScenario, EgoBody, Start,
 from sumo_eval.scenario.first_places import STANDARD_EGO
 from sumo_eval.scenario.played import BY_TIME, SPEED, Act
 
-EGO = "Ego"
+EGO, EXPORTED_EGO = "Ego", "ego"
 LONGEST = 60.0  # s that a case lasts where no stop of the file is by time
 
 
@@ -83,18 +83,26 @@ def read_case(path: Path, given: Mapping[str, Value], options: FileOptions) -> F
     """
     root = read_openscenario(path)
     if root.find(f"FileHeader/Properties/Property[@name='{CASE}']"):
-        file = _map_of(root, None)
-        try:
-            whole = exported_case(root.element, file.read_bytes())
-        except InputError as error:
-            raise root.child("FileHeader").fault(str(error)) from None
-        if whole:  # `sumo-eval export` wrote it
-            road, body = whole.road, whole.ego_body or STANDARD_EGO
-            frame = Frame(ORIGIN, road.line, road.lanes, road.lane_width, road.end, road.name, 0.0,
-                          "")  # fmt: skip
-            ends = LONGEST if whole.time_limit is None else whole.time_limit
-            return FileCase(frame, whole.ego, body, whole.actors, ends, (), {}, whole)
+        return _exported(root, options)
     return _scene(root, given, options)
+
+
+def _exported(root: Node, options: FileOptions) -> FileCase:
+    """The case that `sumo-eval export` wrote into the file, with the road of that run."""
+    road_file = _map_of(root, options.map)
+    try:
+        whole = exported_case(root.element, road_file.read_bytes())
+    except InputError as error:
+        raise root.child("FileHeader").fault(str(error)) from None
+    if options.ego not in (None, EXPORTED_EGO):
+        raise root.child("Entities").fault(
+            f"`?ego=` of an exported case must be `{EXPORTED_EGO}`, got `{options.ego}`; without "
+            "the <Properties> of its <FileHeader> it is read as any other file"
+        )
+    road, body = whole.road, whole.ego_body or STANDARD_EGO
+    frame = Frame(ORIGIN, road.line, road.lanes, road.lane_width, road.end, road.name, 0.0, "")
+    ends = LONGEST if whole.time_limit is None else whole.time_limit
+    return FileCase(frame, whole.ego, body, whole.actors, ends, (), {}, whole)
 
 
 def _scene(root: Node, given: Mapping[str, Value], options: FileOptions) -> FileCase:
