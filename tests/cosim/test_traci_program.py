@@ -209,6 +209,25 @@ def test_a_client_that_makes_a_vehicles_place_no_number_gives_up(tmp_path, vehic
     )
 
 
+@pytest.mark.parametrize(
+    "deed, words",
+    [
+        ("remove('lead')", "SUMO did not insert vehicle `lead` at the start"),
+        ("remove('ego')", "SUMO did not insert vehicle `ego` at the start"),
+        ("moveToXY('lead', 'road', 0, 90.0, 0.0)", "SUMO placed vehicle `lead` at (8"),
+    ],
+)
+def test_a_client_that_spoils_the_start_gives_up(tmp_path, deed, words):
+    """Its first turn comes before the vehicles are inserted; it must void no case unscored."""
+    found = run(
+        tmp_path,
+        CLIENT.replace("try:", f"traci.vehicle.{deed}\ntry:", 1)
+        .replace("from the_drive import drive\n", "")
+        .replace('drive(traci, "ego")', "pass"),
+    )
+    assert_ended(found, "ads_error", f"The ADS's program is responsible: {words}")
+
+
 def test_a_clients_own_subscriptions_are_its_own_to_make_and_to_end(tmp_path):
     (tmp_path / "the_drive.py").write_text(
         "import traci.constants as tc\n"

@@ -33,7 +33,7 @@ from sumo_eval.cosim.doors.child_program import ChildProgram, checked_command
 from sumo_eval.cosim.doors.controller import Adapter, own_vehicle_type
 from sumo_eval.cosim.sumo.insides import libsumo
 from sumo_eval.cosim.sumo.private_server import CLIENTS, LOOPBACK, PrivateServer, Relay
-from sumo_eval.cosim.sumo.session import check_start, command_line, quoted
+from sumo_eval.cosim.sumo.session import check_start, command_line, quoted, session
 from sumo_eval.cosim.sumo.sumo_files import EGO
 from sumo_eval.errors import (
     ControllerError,
@@ -125,13 +125,17 @@ class ServedSimulation:
         self.vehicle, self.lane, self.simulation = sumo.vehicle, sumo.lane, sumo.simulation
         self.TraCIException, self.FatalTraCIError = TraCIException, FatalTraCIError
 
-    def begin(self) -> None:
-        """Become the first of two clients, and insert the vehicles by a step in which none moves.
+    def begin(self, concrete: ConcreteScenario, settings: SimulationSettings) -> None:
+        """Become the first of two clients, and insert the vehicles by a step in which none moves;
+        check that they are at their starts.
 
-        SUMO answers only after both clients have connected.
+        SUMO loads the case once the program has connected and set its order. It takes the step once
+        the program has asked for one, until when the program has its first turn.
         """
         self._wait(lambda: self._connection.setOrder(1), START_TIMEOUT)
         self._wait(self._connection.simulationStep, START_TIMEOUT)
+        # a request too: SUMO may end in it
+        self._wait(lambda: check_start(self, concrete, settings), START_TIMEOUT)
         self.vehicle.subscribe(EGO, list(_SETTINGS.values()))
         self._ads.took = 0.0  # starting and connecting is no step
 
@@ -226,8 +230,13 @@ def served(
             program = ChildProgram(words, ads.folder, talks=False, variables=_variables(relay.port))
             simulation = ServedSimulation(connection, program, ads, step_timeout, relay)
             threading.Thread(target=_hang_up, args=(program, relay), daemon=True).start()
-            simulation.begin()
-            check_start(simulation, concrete, settings)
+            try:
+                simulation.begin(concrete, settings)
+            except SimulationError as error:
+                # the program has had a turn: SUMO is at fault only if it fails alone as well
+                with session(concrete, settings, vehicle_type):
+                    pass
+                raise ControllerError(f"The ADS's program is responsible: {error}") from error
             yield simulation
         finally:
             if relay is not None:
