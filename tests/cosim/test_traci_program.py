@@ -18,6 +18,7 @@ from tables import in_campaign
 
 from sumo_eval.cosim import simulate
 from sumo_eval.cosim.doors.controller import load_controller
+from sumo_eval.cosim.sumo import session
 from sumo_eval.errors import InputError
 from sumo_eval.settings import SimulationSettings
 
@@ -226,6 +227,17 @@ def test_a_client_that_spoils_the_start_gives_up(tmp_path, deed, words):
         .replace('drive(traci, "ego")', "pass"),
     )
     assert_ended(found, "ads_error", f"The ADS's program is responsible: {words}")
+
+
+@pytest.mark.parametrize("text", ["network", "routes"])
+def test_files_that_sumo_refuses_are_no_fault_of_a_client(tmp_path, monkeypatch, text):
+    """SUMO reads them only after the client has connected."""
+    make = getattr(session, f"{text}_xml")
+    monkeypatch.setattr(
+        session, f"{text}_xml", lambda *it: make(*it).replace('"road"', '"nowhere"', 1)
+    )
+    found = run(tmp_path, "import traci\ntraci.start([])\ntraci.simulationStep()\n")
+    assert_ended(found, "sim_error", "within the route 'along' is not known")
 
 
 def test_a_clients_own_subscriptions_are_its_own_to_make_and_to_end(tmp_path):

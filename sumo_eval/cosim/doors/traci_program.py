@@ -41,7 +41,6 @@ from sumo_eval.errors import (
     SimulationError,
     check_known,
     needs_extra,
-    said,
 )
 from sumo_eval.scenario.concrete import ConcreteScenario
 from sumo_eval.settings import SimulationSettings
@@ -119,6 +118,7 @@ class ServedSimulation:
     _ads: TraciProgram
     _step_timeout: float
     _relay: Relay
+    _logs: tuple[Path, ...]  # that tell why SUMO ended
 
     def __post_init__(self) -> None:
         sumo = self._connection
@@ -173,7 +173,9 @@ class ServedSimulation:
         self._ads.took = perf_counter() - started
 
     def _fault(self, error: Exception, waited: float, limit: float) -> ControllerError:
-        """The fault of the program that made SUMO's answer fail.
+        """The error of a request that failed in the program's turn.
+
+        SUMO's own failure cannot be told apart here from one that the program has caused.
 
         waited, limit: s of wall time.
         """
@@ -191,7 +193,9 @@ class ServedSimulation:
                 f"The ADS's program must connect to the port in {_PORT}, set its order to 2 "
                 f"and ask for its steps, each within {limit:g} s; it was ended."
             )
-        return ControllerError(f"SUMO ended while the ADS's program had its turn: {said(error)}.")
+        return ControllerError(
+            f"SUMO ended while the ADS's program had its turn: {quoted(error, *self._logs)}."
+        )
 
 
 @contextmanager
@@ -228,14 +232,18 @@ def served(
             relay = Relay(server.sockets[1])
             words = [word.replace("{port}", str(relay.port)) for word in ads.command]
             program = ChildProgram(words, ads.folder, talks=False, variables=_variables(relay.port))
-            simulation = ServedSimulation(connection, program, ads, step_timeout, relay)
+            simulation = ServedSimulation(
+                connection, program, ads, step_timeout, relay, (log, console)
+            )
             threading.Thread(target=_hang_up, args=(program, relay), daemon=True).start()
             try:
                 simulation.begin(concrete, settings)
-            except SimulationError as error:
+            except (ControllerError, SimulationError) as error:
                 # the program has had a turn: SUMO is at fault only if it fails alone as well
                 with session(concrete, settings, vehicle_type):
                     pass
+                if isinstance(error, ControllerError):
+                    raise
                 raise ControllerError(f"The ADS's program is responsible: {error}") from error
             yield simulation
         finally:
