@@ -180,6 +180,16 @@ def test_a_client_may_name_the_vehicle_of_a_call(tmp_path):
     assert found.ego.speed[-1] == 19.5
 
 
+def test_a_client_that_ends_subscriptions_is_still_checked(tmp_path):
+    (tmp_path / "the_drive.py").write_text(
+        "def drive(traci, ego):\n    traci.vehicle.unsubscribe(ego)\n"
+        "    if traci.simulation.getTime() > 0.2:\n"
+        "        traci.vehicle.setTau(ego, float('nan'))\n"
+    )
+    found = run(tmp_path, CLIENT)
+    assert_ended(found, "ads_error", "gave `ego` the tau nan, seen at 0.2")
+
+
 @pytest.mark.parametrize("call", ["setSpeed('ego', v)", "slowDown('ego', v, 1.0)"])
 @pytest.mark.parametrize("value, fails", [("nan", True), ("inf", True), ("12.5", False)])
 def test_a_client_in_another_language_is_checked_too(tmp_path, call, value, fails):

@@ -136,23 +136,32 @@ class ServedSimulation:
         self._wait(self._connection.simulationStep, START_TIMEOUT)
         # a request too: SUMO may end in it
         self._wait(lambda: check_start(self, concrete, settings), START_TIMEOUT)
-        self.vehicle.subscribe(EGO, list(_SETTINGS.values()))
+        self._watch()
         self._ads.took = 0.0  # starting and connecting is no step
+
+    def _watch(self) -> None:
+        """Let SUMO show the ego's `_SETTINGS` now, and with its answer to every step."""
+        self.vehicle.subscribe(EGO, list(_SETTINGS.values()))
 
     def simulationStep(self) -> None:  # noqa: N802 - TraCI's name
         """Ask for a step, which SUMO takes when the program has asked for one too."""
         self._wait(self._connection.simulationStep, self._step_timeout)
         # the program writes to SUMO directly, so its values can only be checked afterwards
         shown = self.vehicle.getSubscriptionResults(EGO)  # came with the answer to the step
+        # SUMO has one list of subscriptions for both clients: the program may have ended these. An
+        # ego that has left SUMO shows nothing, and is reported where it is read.
+        if not shown.keys() >= set(_SETTINGS.values()) and EGO in self.vehicle.getIDList():
+            self._watch()
+            shown = self.vehicle.getSubscriptionResults(EGO)
         wrong = [
             f"the {name} {shown[variable]}"
             for name, variable in _SETTINGS.items()
             if not math.isfinite(shown.get(variable, 0.0))
         ]
-        # SUMO does not show the speeds that it took
+        # SUMO shows no speed that setSpeed and the like have set, so the relay reads the requests
         wrong += ["nan or infinity"] if self._relay.has_erred else []
         if wrong:
-            # SUMO's clock is one step ahead
+            # SUMO's clock is ahead of the case's by the step that inserted the vehicles
             now = self.simulation.getTime() - self.simulation.getDeltaT()
             raise ControllerError(
                 f"The ADS's program gave `{EGO}` {wrong[0]}, seen at {now:.2f} s; it must be a "
