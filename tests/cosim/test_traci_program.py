@@ -17,6 +17,7 @@ from road_scenes import (
 from tables import in_campaign
 
 from sumo_eval.cosim import simulate
+from sumo_eval.cosim.doors import traci_program
 from sumo_eval.cosim.doors.controller import load_controller
 from sumo_eval.cosim.sumo import session
 from sumo_eval.errors import InputError
@@ -134,6 +135,27 @@ def test_a_client_that_hangs_is_ended(tmp_path):
     )
     found = run(tmp_path, hangs, step_timeout=0.5)
     assert_ended(found, "ads_timeout", "each within 0.5 s; it was ended.")
+
+
+@pytest.mark.parametrize(
+    "step_timeout, reason, words",
+    [(10.0, "time_limit", None), (0.2, "ads_timeout", "each within 0.2 s; it was ended.")],
+)
+def test_a_client_may_start_as_long_as_a_step_lasts(
+    tmp_path, monkeypatch, step_timeout, reason, words
+):
+    connect = traci_program._connect
+
+    def connected(*arguments):
+        connection = connect(*arguments)  # SUMO has its usual time
+        monkeypatch.setattr(traci_program, "START_TIMEOUT", 0.2)
+        return connection
+
+    monkeypatch.setattr(traci_program, "_connect", connected)
+    slow = CLIENT.replace("from the_drive import drive", "import time; time.sleep(1)").replace(
+        'drive(traci, "ego")', "pass"
+    )
+    assert_ended(run(tmp_path, slow, step_timeout=step_timeout), reason, words)
 
 
 def test_a_client_that_moves_another_vehicle_is_noticed(tmp_path):

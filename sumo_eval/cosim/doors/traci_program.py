@@ -45,7 +45,9 @@ from sumo_eval.errors import (
 from sumo_eval.scenario.concrete import ConcreteScenario
 from sumo_eval.settings import SimulationSettings
 
-START_TIMEOUT = 20.0  # s of wall time that sumo and the program have to start and to connect
+# s of wall time in which sumo has to start, and in which the program has to connect and to ask for
+# its first step; for the program `step_timeout` if that is longer
+START_TIMEOUT = 20.0
 _BETWEEN_TRIES = 0.01  # s of wall time between two tries to connect
 _PORT = "SUMO_EVAL_PORT"  # environment variable
 _ENDED_EARLY = "; it must ask for steps until SUMO closes the connection"
@@ -132,10 +134,11 @@ class ServedSimulation:
         SUMO loads the case once the program has connected and set its order. It takes the step once
         the program has asked for one, until when the program has its first turn.
         """
-        self._wait(lambda: self._connection.setOrder(1), START_TIMEOUT)
-        self._wait(self._connection.simulationStep, START_TIMEOUT)
+        limit = max(START_TIMEOUT, self._step_timeout)
+        self._wait(lambda: self._connection.setOrder(1), limit)
+        self._wait(self._connection.simulationStep, limit)
         # a request too: SUMO may end in it
-        self._wait(lambda: check_start(self, concrete, settings), START_TIMEOUT)
+        self._wait(lambda: check_start(self, concrete, settings), limit)
         self._watch()
         self._ads.took = 0.0  # starting and connecting is no step
 
