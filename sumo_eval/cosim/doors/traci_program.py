@@ -5,7 +5,11 @@ The harness is SUMO's first client and the program, through a relay, the second.
 when both clients have asked for one. The unchanged `traci.start` and `traci.init` of a Python
 script connect to this process (`stand_in/traci.py`). Any other program finds the port in its
 environment (SUMO_EVAL_PORT) or in its command (`{port}`), and sets its order to 2 after it has
-connected. Needs the sumo program: extra `gui`.
+connected.
+
+The program may write to everything in SUMO. So a failure of SUMO in the program's turn counts as
+the program's, except at the start, where SUMO is tried without it too. Needs the sumo program:
+extra `gui`.
 
 Users: `cosim/simulation.py`, `record/watch.py`; `cosim/doors/controller.py` finds `TraciProgram` by
 name (`DOORS`).
@@ -261,6 +265,8 @@ def served(
         finally:
             if relay is not None:
                 relay.end()
+            else:
+                server.sockets[1].close()
             server.end()
             if program is not None:
                 ads.log = program.stop()
@@ -283,8 +289,8 @@ def _hang_up(program: ChildProgram, relay: Relay) -> None:
 
 
 def _connect(server: PrivateServer, logs: tuple[Path, ...]) -> Any:
-    """The harness's connection, made once the server listens; the relay's connects directly after
-    it.
+    """The harness's connection, made once the server listens; the relay's socket is connected
+    directly after it, for the program to come.
 
     logs: files that tell why SUMO failed to start.
     """
