@@ -50,7 +50,7 @@ class PointReference(NamedTuple):
     """The human drivers of one concrete scenario, whose drives ended with status `ok`.
 
     cases: keys of their cases.
-    drivers: their names, in the same order.
+    drivers: who drove each, in the same order: one name for one person at all points.
     recorded: number of recorded drivers among them.
     note: note on too few recorded drivers; None: there are enough.
     usable: whether a D_i may be computed from these drivers.
@@ -72,11 +72,17 @@ def references(drives: Iterable[Fact], settings: DriverSettings) -> dict[int, Po
     result = {}
     for point, facts in by_point.items():
         recorded = sum(fact.controller == RECORDED for fact in facts)
-        cases, drivers = zip(*((fact.case, fact.driver) for fact in facts), strict=True)
+        cases, drivers = zip(*((fact.case, _person(fact)) for fact in facts), strict=True)
         result[point] = PointReference(
             cases, drivers, recorded, *_usable(len(facts), recorded, settings)
         )
     return result
+
+
+def _person(fact: Fact) -> str:
+    """The name of the person who drove, the same at every point."""
+    # `driver` numbers the recorded drives of a point, `log` has the name in the recordings
+    return f"{RECORDED} {fact.log}" if fact.controller == RECORDED else fact.driver
 
 
 def _usable(

@@ -144,6 +144,23 @@ def test_a_merged_run_reports_which_limit_left_recorded_drives_out(tmp_path):
     assert limit in " ".join(result.said.split())
 
 
+def test_a_recorded_person_has_one_name_at_every_point(runs):
+    out, _, _ = runs["fill"]
+    with open_store(out) as store:
+        facts = store.facts("human", "front_vehicle_low_speed")
+        drives = [fact for fact in facts if fact.controller == RECORDED]
+    found = references(drives, read_settings(out).drivers).values()
+    person = {fact.case: fact.log for fact in drives}
+    names = {
+        (person[case], name)
+        for it in found
+        for case, name in zip(it.cases, it.drivers, strict=True)
+    }
+    assert len(found) > 1
+    for column in zip(*names, strict=True):
+        assert len(set(column)) == len(names), "one name a person, one person a name"
+
+
 def test_people_of_references_that_are_left_out_stand_behind_nothing(runs):
     out, _, rows = runs["leave_out"]
     behind = {(row["ego_speed"], row["lead_speed"]): row for row in rows if row["zone"] == "safe"}
