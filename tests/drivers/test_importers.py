@@ -410,6 +410,14 @@ def test_openacc_reads_a_marked_file_with_other_speeds(tmp_path):
     assert openacc.read(tmp_path / "a.csv")[0]["x"].tolist() == [0.0, 1.0]
 
 
+def test_openacc_counts_what_it_leaves_out_behind_an_unknown_gap(tmp_path):
+    head = PLATOON.replace("Speed1,SpeedLimit", "Speed1,Speed2,IVS1")
+    (tmp_path / "a.csv").write_text(head + "0,10,10,20\n0.1,10,10,\n0.2,,10,20\n0.3,10,,20\n")
+    table, notes = openacc.read(tmp_path / "a.csv")
+    assert table.groupby("vehicle").size().tolist() == [3, 1]
+    assert sum(note.startswith("2 samples in a.csv are left out") for note in notes) == 1
+
+
 @pytest.mark.parametrize("rate", [10, 20, 25])
 def test_a_lane_is_that_of_the_nearest_sample(tmp_path, rate):
     table = plain_table()

@@ -44,6 +44,7 @@ def read(path: Path) -> Samples:
     # A chain is a row of vehicles with known gaps. front: half a length ahead of the next vehicle's
     # front bumper, m, so that its centre is at front - LENGTH.
     chains = 0
+    hidden = 0  # samples of speed without a known place
     front: Any = np.nan
     for place in places:
         speed = rows[f"Speed{place}"]
@@ -71,6 +72,7 @@ def read(path: Path) -> Samples:
             }
         )
         parts.append(table[speed.notna() & x.notna()])
+        hidden += int((speed.notna() & x.isna()).sum())
         front = x - rows.get(f"IVS{place}", np.nan)
     notes = [
         f"{path.name} has no vehicle sizes and no lateral positions: {LENGTH:g} m x {WIDTH:g} m "
@@ -78,6 +80,10 @@ def read(path: Path) -> Samples:
         f"{path.name} is recorded as {chains} platoons: gaps to the lead vehicle are known only "
         "inside each.",
     ]
+    if hidden:
+        notes.append(
+            f"{hidden} samples in {path.name} are left out: an IVS or a speed ahead of them is empty."
+        )
     engaged = next((value for value in head["ACC"] if value), "0")  # number of cars
     if engaged not in ("0", "0.0"):
         notes.append(
