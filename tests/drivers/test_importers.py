@@ -629,6 +629,13 @@ def test_law_places_do_not_jump_from_lap_to_lap(tmp_path):
     assert np.ptp(table["x"]) > 400.0
 
 
+def test_of_two_headings_one_is_not_read_and_named(tmp_path):
+    plain_table().assign(heading=0.0, heading_deg=90.0).to_csv(tmp_path / "a.csv", index=False)
+    table, notes = import_recordings("map", [tmp_path / "a.csv"])
+    assert table["heading"].abs().max() < 0.01
+    assert "a.csv has `heading` and `heading_deg`: `heading_deg` is not read." in notes
+
+
 def test_a_table_on_a_map_without_a_place_is_refused_with_its_row(tmp_path):
     path = _bend(tmp_path / "bend.csv")
     replace_in(path, "v0,0.1,", "v0,later,", 1)

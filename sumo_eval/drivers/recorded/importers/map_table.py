@@ -40,7 +40,9 @@ def read(path: Path) -> Samples:
             notes.append(f"{path.name} has no {name} of the vehicles: {size:g} m are assumed.")
     if "class" not in rows:
         notes.append(f"{path.name} has no classes: all are assumed to be cars.")
-    if "heading_deg" in rows and "heading" not in rows:
+    if "heading_deg" in rows and "heading" in rows:
+        notes.append(f"{path.name} has `heading` and `heading_deg`: `heading_deg` is not read.")
+    elif "heading_deg" in rows:
         rows["heading"] = np.radians(rows["heading_deg"])
     rows, more_notes = in_order(rows)
     notes += more_notes
