@@ -378,6 +378,19 @@ def test_identifiers_are_text_whatever_it_is(tmp_path, form):
         import_recordings(form, [tmp_path / "empty.csv"])
 
 
+@pytest.mark.parametrize("form", ["csv", "map"])
+def test_names_of_drivers_are_text_too_and_may_be_missing(tmp_path, form):
+    for names in (["01", "1"], ["7", ""]):
+        table = plain_table()
+        table["driver"] = np.repeat(names, len(table) // 2)
+        table.to_csv(tmp_path / "named.csv", index=False)
+        found = import_recordings(form, [tmp_path / "named.csv"]).table
+        assert found.groupby("vehicle")["driver"].unique().map(list).tolist() == [
+            [names[0]],
+            [names[1]],
+        ]
+
+
 def test_sumo_keeps_every_id_beside_a_step_without_vehicles(tmp_path):
     (tmp_path / "a.csv").write_text(FCD + "0;;;;;\n1;90;01;3;2;3\n1;90;1;3;9;3\n1;90;NA;3;5;3\n")
     assert sumo_fcd.read(tmp_path / "a.csv")[0]["vehicle"].tolist() == ["01", "1", "NA"]

@@ -122,7 +122,9 @@ def test_drives_in_named_cases_are_taken_as_they_are(tmp_path):
     curve = replace(CONCRETE.road, line=(arc(600.0, -300.0),))
     bent = reference(replace(CONCRETE, road=curve), people, settings, LOGICAL.recorded)
     assert bent.drives[0].speed == pytest.approx(25.025, rel=5e-5)
-    (folder / "ben.csv").write_text((folder / "ben.csv").read_text().replace("ben,", ","))
+    (folder / "ben.csv").write_text((folder / "ben.csv").read_text().replace("ben,", "01,"))
+    assert reference(CONCRETE, people, settings, LOGICAL.recorded).names == ("01",)
+    (folder / "ben.csv").write_text((folder / "ben.csv").read_text().replace("01,", ","))
     nameless = reference(CONCRETE, people, settings, LOGICAL.recorded)
     assert nameless.names == ("ben",), "the file names its driver where the column is empty"
     assert (

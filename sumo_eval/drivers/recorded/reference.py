@@ -17,6 +17,7 @@ from pandas import DataFrame, Index, isna
 
 from sumo_eval.drivers.recorded.events import Events, extract_events
 from sumo_eval.drivers.recorded.importers.tables import (
+    DRIVER,
     check_motion,
     make_numbers,
     read_table,
@@ -268,7 +269,7 @@ def _named_drives(concrete: ConcreteScenario, people: People) -> Reference | Non
 @functools.lru_cache(maxsize=256)
 def _table_of(path: Path, changed: int) -> DataFrame:
     """A file of drives, read once for the notes and the drives; changed: as in `_recorded`."""
-    table = read_table(path, _PLACES)
+    table = read_table(path, _PLACES, dtype=DRIVER)
     make_numbers(table, [*_PLACES, *table.filter(_KNOWN)], path, gaps=["steering"])
     return table
 

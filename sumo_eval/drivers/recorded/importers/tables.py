@@ -31,7 +31,8 @@ from sumo_eval.trajectory import Trajectory
 LARGEST = 2.0**53
 
 # columns that are text even where all are digits: 007 is not 7
-IDENTIFIERS = {"recording": str, "vehicle": str}
+DRIVER = {"driver": str}  # whose cells may be empty: not every driver is known
+IDENTIFIERS = {"recording": str, "vehicle": str, **DRIVER}
 
 JUMP, JUMP_SPEED = 10.0, 100.0  # m, and m/s: a step beyond both is a jump to another vehicle
 CHORD = 0.5  # s between the samples that show speed and course; noise is then small
@@ -102,7 +103,7 @@ def read_table(path: Path, required: Sequence[str], **options: Any) -> DataFrame
     if table.empty:
         raise InputError(f"{path} must have at least one row, got none.")
     for name in options.get("dtype", ()):
-        if name in table and table[name].hasnans:
+        if name in table and name not in DRIVER and table[name].hasnans:
             # pandas reads a name such as NA as a missing value
             names = pd.read_csv(
                 input_file(path, "file"), usecols=[name], dtype=str, na_filter=False
