@@ -223,6 +223,10 @@ def test_names_of_a_reference_must_be_numbers_and_parameters(tmp_path):
     people = open_people(settings_for(write_people(tmp_path, [25.0])), tmp_path)
     with refusal(r"must name columns of numbers: .* column 'ego_speed'"):
         matching_events(people.events, "mine", recorded)
+    with refusal(
+        "`start` column .* must hold times within the ego's track, 0..59.9 s .*`gap` with 8"
+    ):
+        reference(CONCRETE, people, DriverSettings(), replace(LOGICAL.recorded, start="gap"))
     drivers = DriverSettings(tolerance={"gpa": 1.0})
     settings = replace(small(scenarios=("cut_in",)), drivers=drivers)
     with refusal(r"`drivers\.tolerance`\. Did you mean `gap`"):

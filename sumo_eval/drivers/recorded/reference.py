@@ -38,6 +38,7 @@ from sumo_eval.trajectory import Trajectory
 NAMED_CASES = "cases.csv"
 _LEAST_SPACING = 1.0  # m between the lanes 0 and 1; less is no lane
 _STANDS = 0.1  # m/s; a vehicle slower than this stands
+_SAME_TIME = 1e-6  # s; a smaller difference of two times is rounding
 _PLACES = "t", "x", "y"
 _MOTION = "heading", "speed", "acceleration"  # channels of a drive that a table may lack
 _KNOWN = *_MOTION, "steering"
@@ -138,6 +139,8 @@ def reference(
     the ego's start; lateral ones are stretched from the recorded lanes' width to the scenario's.
 
     recorded: the events that correspond to the scenario; None: unknown.
+
+    Raises InputError for a column `start` without times of the ego's track.
     """
     named = _named_drives(concrete, people)
     if named is not None:
@@ -155,6 +158,13 @@ def reference(
         name = track["driver"].iloc[0] or f"{event.recording}/{event.ego}"
         if name in drives:
             continue
+        first, last = track["t"].iloc[[0, -1]]
+        if not first - _SAME_TIME <= event.start <= last + _SAME_TIME:
+            raise InputError(
+                f"The `start` column in [recorded] of scenario `{concrete.scenario}` must hold "
+                f"times within the ego's track, {first:g}..{last:g} s in recording "
+                f"`{event.recording}`, got `{recorded.start}` with {event.start:g}."
+            )
         drive = _aligned(track, event.start, concrete, people)  # type: ignore[arg-type]
         ahead = drive.x.max() - concrete.ego.x
         covers = drive.speed[-1] < _STANDS or ahead >= settings.coverage * route
@@ -212,7 +222,7 @@ def _aligned(
     """A track from `start` s on, moved to where the ego starts, up to its first sample past the
     road's end.
     """
-    rows = track[track["t"] >= start - 1e-6]
+    rows = track[track["t"] >= start - _SAME_TIME]
     x = rows["x"] - rows["x"].iloc[0] + concrete.ego.x
     # a sample belongs to the drive while all samples before it are on the road
     on_road = x.cummax().shift(fill_value=-np.inf) < concrete.road.length
