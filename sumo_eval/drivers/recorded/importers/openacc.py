@@ -82,7 +82,7 @@ def read(path: Path) -> Samples:
     ]
     if hidden:
         notes.append(
-            f"{hidden} samples in {path.name} are left out: an IVS or a speed ahead of them is empty."
+            f"{hidden} samples in {path.name} are left out: an IVS or speed ahead of them is empty."
         )
     engaged = next((value for value in head["ACC"] if value), "0")  # number of cars
     if engaged not in ("0", "0.0"):
