@@ -60,11 +60,11 @@ async def known(window):
     return peer
 
 
-async def closing(peer, *texts):
+async def closing(peer, *texts, **more):
     """With what code the server shuts somebody out who says this."""
     try:
         for text in texts:
-            await peer.send(text)
+            await peer.send(text, **more)
         while True:
             await asyncio.wait_for(peer.recv(), 10.0)
     except ConnectionClosed:
@@ -368,6 +368,9 @@ async def test_a_second_browser_is_shut_out_and_the_first_one_drives_on(path):
     async with driven_to(path, 10) as (window, drive, peer):
         assert await closing(await known(window), '{"quit": true}') == TAKEN
         assert await closing(await opened(window), json.dumps({"token": "x"})) == UNKNOWN
+        assert await closing(await opened(window), "x" * 9000) == 1009
+        assert await closing(await opened(window), [b"\xff"], text=True) == 1007
+        assert window.faults == []
         await peer.send(json.dumps({"input": [11, 10, *RELEASED]}))
         await steps(peer, until=drive)
         recording, quality = await drive

@@ -161,10 +161,11 @@ class Window:
                 self._fault(f"A message of the window {BROKEN[closed.sent.code]}.")
 
     async def _admits(self, peer: ServerConnection) -> bool:
-        """Whether a peer sends the token; any other peer is closed."""
+        """Whether a peer sends the token; any other peer is closed, and no drive ends by it."""
         try:
             message = read(await asyncio.wait_for(peer.recv(), SILENT))
-        except (TimeoutError, MessageError):
+        # ConnectionClosed: the peer left, or the library closed it for a code in `BROKEN`
+        except (TimeoutError, MessageError, ConnectionClosed):
             await peer.close(WRONG, "The first message must be the token.")
             return False
         if not hmac.compare_digest(
@@ -198,7 +199,7 @@ class Window:
                 return
 
     def _fault(self, sentence: str) -> None:
-        """End the drive: our page did not send this message."""
+        """End the drive: a peer with the token sent what our page cannot have sent."""
         self.faults.append(sentence)
         self._desk.end(sentence)
 
