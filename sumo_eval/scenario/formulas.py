@@ -7,7 +7,7 @@ file for messages.
 
 Users: `extras/openscenario/logical.py`, `extras/rates/exposure.py`, `scenario/file_tables.py`,
 `scenario/streams.py`, `scenario/trigger.py`, `scenario/vehicle_tables.py`,
-`scenario/zone_table.py`.
+`scenario/zone_table.py`. Free to change: all but the words of messages.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from __future__ import annotations
 import functools
 from collections.abc import Iterable, Mapping
 from dataclasses import field
-from math import inf
+from math import inf, isfinite
 from typing import Annotated, Any, get_args
 
 import numpy as np
@@ -38,23 +38,27 @@ Formula = str | float
 class Limits:
     """Limits of a formula's values; the annotation of a table's key may hold them.
 
-    at_least, above: lower limits, included and excluded.
-    endless: whether inf is allowed.
+    at_least: lower limit, included.
+    above: lower limit, excluded; None: no such limit.
+    endless: whether a value may be infinite. nan is never allowed.
     """
 
     at_least: float = -inf
-    above: float = -inf
+    above: float | None = None
     endless: bool = False
 
 
 ANY, NOT_BELOW_0, ABOVE_0 = Limits(), Limits(at_least=0.0), Limits(above=0.0)
+NOT_NAN = Limits(endless=True)
 PositiveFormula = Annotated[Formula, ABOVE_0]
 PositiveFormulaOrNone = Annotated[Formula | None, ABOVE_0]
 
 
 @frozen
 class Formulas:
-    """Expressions, to be evaluated together, with the definitions that they need."""
+    """Expressions of a zone rule or of a constraint, to be evaluated together, with the definitions
+    that they need.
+    """
 
     definitions: Definitions
     expressions: tuple[Expression, ...]
@@ -75,7 +79,8 @@ class Formulas:
         for expression in self.expressions:
             results.append(np.broadcast_to(expression.value(extended), shape))
             if np.isnan(results[-1]).any():
-                # refused also where a constraint does not hold: the zones are learnt there, too
+                # Of a zone rule: a condition is never nan. Refused also where a constraint does not
+                # hold, because the zones are learnt there, too.
                 wanted = "a number at every point of the ranges"
                 raise must_be(f"`{expression.text}`", "the zone rule", wanted, np.nan)
         return tuple(results)
@@ -137,7 +142,8 @@ class ExposureDensity:
         Raises InputError if it is undefined where all constraints hold.
         """
         factor = expression.value(self.definitions.extend(values))
-        wrong = undefined = ~(np.isfinite(factor) & (factor >= 0.0))
+        undefined = ~(np.isfinite(factor) & (factor >= 0.0))
+        wrong = undefined  # and possible, after the loop
         for constraint in self.constraints:
             wrong = wrong & constraint.holds(values)
         if wrong.any():
@@ -162,15 +168,17 @@ class LimitedFormula:
         """Its value at a point.
 
         values: of parameters and definitions there, by name.
-        Raises InputError for a value outside its limits.
+        Raises InputError for nan, for inf unless it may be endless, and for a value outside its
+        limits.
         """
         value: float = self.expression.at(values)
         least, above, endless = self.limits.at_least, self.limits.above, self.limits.endless
-        if least <= value and above < value and (value < inf or endless):
+        # no comparison holds for nan
+        if least <= value and (above is None or above < value) and (endless or isfinite(value)):
             return value
         wanted = "a number" if endless else "finite"
         wanted += f" and at least {least:g}" if least > -inf else ""
-        wanted += f" and above {above:g}" if above > -inf else ""
+        wanted += f" and above {above:g}" if above is not None else ""
         what = f"{self.what} = `{self.expression.text}`"
         raise must_be(what, self.owner, wanted, f"{value:g} at {point_words(values)}")
 
@@ -199,7 +207,8 @@ class Names:
     where, owner: names of the file and of the scenario in error messages.
     known: names of parameters, options and definitions.
     vehicles: name of an actor -> name of a manoeuvre -> index of the act.
-    departs: whether the ego has recorded positions, so that a condition may use `departed`.
+    has_recorded_ego: whether the ego has recorded positions. Then the `when` of a `follow` may use
+        `departed`.
     scene: expressions that the scene depends on; `quantity` and conditions add to it.
     """
 
@@ -207,7 +216,7 @@ class Names:
     owner: str
     known: list[str]
     vehicles: Mapping[str, Mapping[str, int]]
-    departs: bool
+    has_recorded_ego: bool
     scene: list[Expression] = field(default_factory=list)
 
     def expression(self, formula: Formula, what: str) -> Expression:

@@ -43,6 +43,7 @@ from sumo_eval.scenario.first_places import STANDARD_EGO
 from sumo_eval.scenario.formulas import (
     ABOVE_0,
     NOT_BELOW_0,
+    NOT_NAN,
     Formula,
     LimitedFormula,
     LimitedFormulas,
@@ -267,14 +268,14 @@ class ManoeuvreTable(Checked):
         limits = {
             "follow": {"speed": ABOVE_0},
             # inf may be given, as `constant_lateral`'s default is; it refuses 0 and less itself
-            "move_sideways": {"acceleration": Limits(endless=True)},
+            "move_sideways": {"acceleration": NOT_NAN},
         }.get(self.do, {})
         numbers = names.quantities(self, what, **limits)
         when = []
         if self.when is not None:
             # only a `follow` may use `departed`, the ego's distance from the recorded ego
-            departs = names.departs and self.do == "follow"
-            when = trigger(self.when, owner, names, departs=departs)
+            may_use_departed = names.has_recorded_ego and self.do == "follow"
+            when = trigger(self.when, owner, names, may_use_departed=may_use_departed)
         return Move(self, numbers, tuple(self._pairs(what, owner, names, road)), tuple(when))
 
     def _check_keys(self, owner: str) -> None:

@@ -189,6 +189,9 @@ when = "ended(lead, x)" | Unknown manoeuvre
 when = "ended(ego, x)" | the ego has none
 when = "lead.x < 2" | which the language does not have
 when = "time == 2" | compared with <, <=, > or >=
+when = "(time < 1) + 1 > 0" | must be of numbers, names
+when = "not ended(lead, x)" | alone or joined by `and`, `or`
+when = "time > sqrt(v - 30) or time > 2" | `t` must be a number, got 'nan at v=20'
 when = "((" | cannot be read
 speed = 3.0 | has no `speed`
 do = "accelerate" | must have `speed`
