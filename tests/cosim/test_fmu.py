@@ -231,7 +231,9 @@ FEEDTHROUGH_2 = """
         def __init__(self, **kwargs):
             super().__init__(**kwargs)
             self.real_in, self.whole_in, self.truth_in, self.text_in, self.real_out = 0.0, 7, True, "gentle", 0.0
-            for name, kind in (("real_in", Real), ("whole_in", Integer), ("truth_in", Boolean), ("text_in", String)):
+            self.lead_kind = "none"  # a text, unlike the signal of this name
+            for name, kind in (("real_in", Real), ("whole_in", Integer), ("truth_in", Boolean), ("text_in", String),
+                               ("lead_kind", String)):
                 self.register_variable(kind(name, causality=Fmi2Causality.input, variability=Fmi2Variability.discrete))
             self.code = "none"
             self.register_variable(String("code", causality=Fmi2Causality.parameter,
@@ -245,6 +247,7 @@ FEEDTHROUGH_2 = """
             strength = {"gentle": 1.0, "firm": 2.0}[self.text_in]
             self.real_out = -0.1 * self.whole_in * strength * self.truth_in
             self.real_out -= self.code == "07"
+            self.real_out -= 9.0 * (self.lead_kind != "none")
             self.whole_out = -self.whole_in
             return True
 """
@@ -358,9 +361,9 @@ def deceleration(locator, folder, *others):
     "inputs.*=start", -0.7
     "inputs.*=start&parameters.code=07", -1.7
     "inputs.whole_in=12&inputs.*=start", -1.2
-    "inputs.whole_in=12&inputs.truth_in=false&inputs.text_in=start", 0.0
-    "inputs.whole_in=12&inputs.truth_in=1.0&inputs.text_in='firm'", -2.4
-    "inputs.whole_in=lead_present&inputs.truth_in=true&inputs.text_in=firm", -0.2
+    "inputs.whole_in=12&inputs.truth_in=false&inputs.text_in=start&inputs.lead_kind=start", 0.0
+    "inputs.whole_in=12&inputs.truth_in=1.0&inputs.text_in='firm'&inputs.lead_kind='none'", -2.4
+    "inputs.whole_in=lead_present&inputs.truth_in=true&inputs.text_in=firm&inputs.*=start", -0.2
     """),
 )
 def test_constants_start_values_and_every_type_of_fmi_2(feedthroughs, mapping, expected):
@@ -443,6 +446,10 @@ def test_a_plan_has_at_most_the_places_of_its_outputs(feedthroughs):
         (
             "fmu:Feedthrough3.fmu?outputs.plan_time=speeds&inputs.*=start",
             "has no output `plan_x`, nor `plan_x[1]`, for `plan_x`; `outputs` must map it",
+        ),
+        (
+            "fmu:Feedthrough2.fmu?inputs.*=start&outputs.plan_time=code",
+            "The output `code` of FMU `Feedthrough2.fmu` must be a number, got 'String'",
         ),
         (f"{THREE}&outputs.acceleration=speeds", "must be one value, `speeds[0]`"),
         (f"{THREE}&outputs.acceleration=speeds[3]", "must be within its 3 values"),

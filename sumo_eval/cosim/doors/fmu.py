@@ -126,7 +126,7 @@ class _Fmu:
 
     def _variable(self, name: str, key: str) -> Any:
         """The variable of a name in the table `key` of the mapping. Raises InputError for an
-        unknown name, or a variable that cannot be there.
+        unknown name, or a variable that cannot be there. An output must be a number.
         """
         owner = f"FMU `{self.path.name}`"
         check_known(f"variable of {owner} in `{key}`", self._variables, name)
@@ -136,6 +136,8 @@ class _Fmu:
         if not _may_be(variable, key):
             got = f"a {variable.variability} {variable.causality}"
             raise must_be(f"`{name}`", owner, f"one of its {key} that can be set", got)
+        if key == "outputs" and variable.type in _TEXTS:
+            raise must_be(f"The output `{name}`", owner, "a number", variable.type)
         return variable
 
     def _wire_inputs(self, wiring: FmuSettings) -> list[Wired]:
@@ -144,8 +146,9 @@ class _Fmu:
         if rest not in (None, AS_IT_STARTS):
             raise must_be("`inputs.*`", f"FMU `{self.path.name}`", f"`{AS_IT_STARTS}`", rest)
         inputs = [name for name, it in self._variables.items() if it.causality == "input"]
-        # an input without a mapping takes the signal of its name
-        mapping = {**{name: name for name in inputs if name in self._signals}, **wiring.inputs}
+        # a number without a mapping takes the signal of its name
+        numbers = (name for name in inputs if self._variables[name].type not in _TEXTS)
+        mapping = {**{name: name for name in numbers if name in self._signals}, **wiring.inputs}
         mapping.pop("*", None)
         wired = list(self._wired(mapping, "inputs"))
         for name in inputs:
@@ -217,11 +220,9 @@ class _Fmu:
         wired = {}
         for output in lists:
             name = wiring.outputs.get(output, output)
-            scalars = _scalars(self._variables, name)
-            if name in self._variables:
-                wired[output] = [self._variable(name, "outputs")]
-            elif scalars:
-                wired[output] = scalars
+            names = [name] if name in self._variables else _scalars(self._variables, name)
+            if names:
+                wired[output] = [self._variable(it, "outputs") for it in names]
             elif output in wiring.outputs or output in PLAN[:3]:  # a plan needs time, x and y
                 raise InputError(
                     f"FMU `{self.path.name}` has no output `{name}`, nor `{name}[1]`, for "
@@ -239,10 +240,7 @@ class _Fmu:
         whole = not bracket or name in self._variables
         variable = self._variable(name if whole else plain, "outputs")
         size = _count(variable)
-        if variable.type in _TEXTS:
-            must = "a number"
-            got = variable.type
-        elif whole and size is not None:
+        if whole and size is not None:
             must = f"one value, `{name}[0]`"
             got = "an array"
         elif whole:
@@ -421,14 +419,14 @@ def _may_be(variable: Any, key: str) -> bool:
     return key == "outputs" or kind == "input" or variable.variability == "tunable"
 
 
-def _scalars(variables: Mapping[str, Any], name: str) -> list[Any]:
-    """The variables `NAME[1]`, `NAME[2]`, ..., in the order of their numbers."""
+def _scalars(variables: Mapping[str, Any], name: str) -> list[str]:
+    """Names of the variables `NAME[1]`, `NAME[2]`, ..., in the order of their numbers."""
     numbers = {}  # by name of the variable
     for full in variables:
         number = full[len(name) + 1 : -1]
         if full.startswith(f"{name}[") and number.isdecimal():
             numbers[full] = int(number)
-    return [variables[full] for full in sorted(numbers, key=numbers.__getitem__)]
+    return sorted(numbers, key=numbers.__getitem__)
 
 
 def _count(variable: Any) -> int | None:
