@@ -114,6 +114,7 @@ class Compiled:
     memory: ClassVar[Layout] = flags("steps")
     watched: ClassVar[Layout] = fields("last_speed")
     numbers: ClassVar[Layout] = fields()
+    _decided = False  # on TraCI: whether the rule has decided since `settled` was last asked
 
     @classmethod
     def arrays(cls, together: Sequence[Any], scenario: Records, others: int) -> tuple[Records, ...]:
@@ -171,6 +172,7 @@ class Compiled:
         egos["seen"][0] = movers[0]
         self._seen[0] = movers[1:]
         type(self).loop(egos, self._seen, *self._own, self._scenario, time)
+        self._decided = True
         command = egos["command"][0]
         egos["steering"] = command["steering"]
         return Command(float(command["acceleration"]), float(command["steering"]))
@@ -214,8 +216,12 @@ class Compiled:
         return bodies
 
     def settled(self) -> bool:
-        """Whether its rule will do nothing new in a case that is driven through TraCI."""
-        return bool(self._egos["settled"][0])
+        """Whether its rule will do nothing new in a case that is driven through TraCI. False where
+        a class of the user's has decided in its place.
+        """
+        decided = self._decided
+        self._decided = False
+        return decided and bool(self._egos["settled"][0])
 
 
 def _pose(

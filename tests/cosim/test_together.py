@@ -495,6 +495,12 @@ def test_a_subclass_that_decides_otherwise_is_asked(alone):
     assert len(alone) == len(cases)  # driven both ways and compared
 
 
+def test_a_subclass_that_decides_otherwise_is_not_settled():
+    """The rule that it derives from has not been asked."""
+    found = simulate(case(lead(300.0)), Subclass, DECIDED)
+    assert_ended(found, "standstill")
+
+
 class Sways:
     """Steers a sine, brakes behind what is near and else drives on; every bit of what it sees is in
     what it does."""
