@@ -358,7 +358,7 @@ def _speeds(time: _Numbers, x: _Numbers, y: _Numbers, ego_speed: float) -> list[
 def _numbers(name: str, values: Any) -> list[float]:
     """A field of a plan as a list of finite numbers."""
     plain = values.tolist() if hasattr(values, "tolist") else values
-    if not isinstance(plain, list | tuple) or not plain:
+    if not isinstance(plain, Sequence) or isinstance(plain, str) or not plain:
         raise ControllerError(
             f"`{name}` of the ADS's Plan must be a sequence of numbers, got {shown(plain)}"
         )

@@ -56,7 +56,10 @@ class Command:
     def __init__(
         self, acceleration: Any = ..., steering: float = 0.0, *, speed: float | None = None
     ) -> None:
-        if (acceleration is ...) == (speed is None):
+        # nan and a speed: a Command with another speed or steering by `dataclasses.replace`
+        if (acceleration is ...) == (speed is None) and (
+            speed is None or acceleration == acceleration
+        ):
             raise TypeError("a Command takes an acceleration or a speed, one of both")
         _SET_ACCELERATION(self, math.nan if acceleration is ... else acceleration)
         _SET_STEERING(self, steering)

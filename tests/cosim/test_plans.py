@@ -2,6 +2,7 @@
 
 import json
 import math
+from collections import deque
 from dataclasses import replace
 
 import numpy as np
@@ -206,6 +207,7 @@ def test_a_command_takes_an_acceleration_or_a_speed():
     for wrong in ({}, {"acceleration": 1.0, "speed": 2.0}):
         with pytest.raises(TypeError):
             Command(**wrong)
+    assert replace(Command(speed=2.0), steering=0.5) == Command(steering=0.5, speed=2.0)
 
 
 @pytest.mark.parametrize(
@@ -215,7 +217,7 @@ def test_a_command_takes_an_acceleration_or_a_speed():
         ({"throttle": 0.1, "steer": 0.01}, lambda seen: Command.pedals(0.1, 0.0, 0.01)),
         (
             {"plan": {"time": [0, 9], "x": [50, 200], "y": [0, 1]}},
-            lambda seen: Plan([0, 9], [50, 200], [0, 1]),
+            lambda seen: Plan(range(0, 10, 9), deque([50, 200]), (0, 1)),
         ),
     ],
 )

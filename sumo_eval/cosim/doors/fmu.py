@@ -2,7 +2,7 @@
 
 Needs the extra `fmu`. The mapping is `FmuSettings` or `PlantSettings`.
 
-Inputs: the mapping gives each input a signal, a constant or its own start value. An input without a
+Inputs: the mapping gives each input a signal, a constant or its own start value. A number without a
 mapping takes the signal of its name. An array takes one value of each seen vehicle (`OBJECTS`).
 - Signals of an ADS: `Observation.signals`.
 - Signals of a vehicle model: `acceleration` and `steering` of the command, `x`, `y`, `heading` and
