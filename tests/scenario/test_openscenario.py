@@ -1123,6 +1123,19 @@ def test_an_edge_needs_the_opposite_before(tmp_path):
         assert sum(act.offset == 0.0 for act in acts_of(tmp_path, events=events)) == latches, edge
 
 
+KEPT = """<LongitudinalAction><LongitudinalDistanceAction entityRef="{}" distance="20"
+freespace="true" continuous="{}">{}</LongitudinalDistanceAction></LongitudinalAction>"""
+
+
+@pytest.mark.parametrize("continuous, limits", [
+    ("true", ""), ("false", '<DynamicConstraints maxSpeed="30"/>')
+])  # fmt: skip
+def test_a_distance_that_the_ego_would_keep_is_refused(tmp_path, continuous, limits):
+    keeps = f"<PrivateAction>{KEPT.format('Other', continuous, limits)}</PrivateAction></Private>"
+    with refusal(r"<LongitudinalDistanceAction>: the ego is driven by the ADS: it keeps no dis"):
+        read_file(changed(tmp_path, ("</Private>", keeps)))
+
+
 def test_stories_and_manoeuvres_have_parameters_of_their_own(tmp_path):
     """The story's `who` is whom the group moves, the manoeuvre's `far` replaces the story's; the
     act has begun."""

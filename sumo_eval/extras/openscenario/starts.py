@@ -94,6 +94,9 @@ class Starts:
             case "SpeedAction":
                 self._speed_at_start(element, entity)
             case "LongitudinalDistanceAction":
+                lasts = element.flag("continuous") or element.find("DynamicConstraints")
+                if lasts and entity is self.ego:
+                    raise element.fault("the ego is driven by the ADS: it keeps no distance")
                 self.distances.append((element, entity))
             case "AssignRouteAction":
                 _, end = self.places.route(element)
