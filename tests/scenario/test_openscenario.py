@@ -1136,6 +1136,16 @@ def test_a_distance_that_the_ego_would_keep_is_refused(tmp_path, continuous, lim
         read_file(changed(tmp_path, ("</Private>", keeps)))
 
 
+def test_an_exponent_of_a_projection_may_have_a_sign(tmp_path):
+    place = """<GeoPosition latitudeDeg="48.000380559907626" longitudeDeg="11.000877348068041">
+    <Orientation h="0.5"/></GeoPosition>"""
+    path = changed(tmp_path, (OTHER_PLACE, place))
+    road = ROAD.replace("4.8e1N", "4.8000000000000000e+1").replace("lon_0=11", "lon_0=1.1e+1")
+    (tmp_path / "road.xodr").write_text(road)
+    (other,) = only_case(path).actors
+    assert (other.start.x, other.start.y) == pytest.approx((71.5, 3.75), abs=1e-6)
+
+
 def test_stories_and_manoeuvres_have_parameters_of_their_own(tmp_path):
     """The story's `who` is whom the group moves, the manoeuvre's `far` replaces the story's; the
     act has begun."""

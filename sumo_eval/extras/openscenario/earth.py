@@ -12,8 +12,9 @@ from sumo_eval.extras.openscenario.reading import Node
 from sumo_eval.extras.openscenario.values import number_of
 
 _RADIUS, _FLATTENING = 6_378_137.0, 1.0 / 298.257223563  # WGS 84
-# `+name=value` in the text of a projection, in the notation of the library PROJ
-_PART = re.compile(r"\+(\w+)=([^\s+]+)")
+# `+name=value` in the text of a projection, in the notation of the library PROJ; a value may be
+# `4.9e+1`
+_PART = re.compile(r"\+(\w+)=((?:\d[eE]\+\d|[^\s+])+)")
 # Parts of a projection that are refused: another ellipsoid than WGS 84 (GRS80 differs by 0.1 mm),
 # a shift of the ellipsoid that is not 0, a pole as origin, another meridian or unit, other axes
 # than x to the east and y to the north. They would put places metres to kilometres off.
