@@ -1146,6 +1146,26 @@ def test_an_exponent_of_a_projection_may_have_a_sign(tmp_path):
     assert (other.start.x, other.start.y) == pytest.approx((71.5, 3.75), abs=1e-6)
 
 
+def test_version_1_0_measures_along_the_route_by_a_flag(tmp_path):
+    """`alongRoute` of a distance to a place in the other lane."""
+    place = '<Position><LanePosition roadId="0" laneId="1" s="90"/></Position></DistanceCondition>'
+    found = [
+        acts_of(tmp_path, (re.search("<RelativeD.*?/>", CUT_IN, flags=re.S)[0],
+            f'<DistanceCondition value="30" freespace="false" rule="lessThan" {how}>{place}'),
+            events=CUT_IN)[0].program
+        for how in ('alongRoute="true"', 'relativeDistanceType="longitudinal"', "")
+    ]  # fmt: skip
+    assert found[0] == found[1] != found[2]
+
+
+def test_the_largest_distance_is_refused_on_a_curve(tmp_path):
+    far = """<DistanceCondition value="1.7976931348623157e308" freespace="false" rule="lessThan">
+    <Position><LanePosition roadId="0" laneId="1" s="90"/></Position></DistanceCondition>"""
+    events = re.sub("<RelativeD.*?/>", far, CUT_IN, flags=re.S)
+    with refusal("<DistanceCondition>: a distance across a curve of the road is not supported"):
+        read_file(changed(tmp_path, events=events, curvature=0.002))
+
+
 def test_stories_and_manoeuvres_have_parameters_of_their_own(tmp_path):
     """The story's `who` is whom the group moves, the manoeuvre's `far` replaces the story's; the
     act has begun."""

@@ -135,7 +135,9 @@ def truth_of(element: Node, entity: Entity, places: Places, frame: Frame) -> Tru
 
 
 def _distance(element: Node, entity: Entity, places: Places, frame: Frame) -> Compared:
-    default = "euclidianDistance" if element.tag == "DistanceCondition" else None
+    default = None
+    if element.tag == "DistanceCondition":  # `alongRoute` is version 1.0's word for a kind
+        default = "longitudinal" if element.flag("alongRoute") else "euclidianDistance"
     kinds = ("longitudinal", "lateral", "cartesianDistance", "euclidianDistance")
     kind = element.one_of("relativeDistanceType", kinds, default)
     value, other = element.number("value"), _target(element, places, frame)
@@ -217,9 +219,10 @@ def _straight(
 
     value: the distance that the condition states, m.
     """
-    # From x and y of the frame; along a curve of radius r a distance d is off by d^3 / (24 r^2)
+    # From x and y of the frame; along a curve of radius r a distance d is off by d^3 / (24 r^2).
+    # d^3 of the largest float would overflow.
     line = frame.line
-    if line and abs(value) ** 3 / (24.0 * tightest(line) ** 2) > _BENT:
+    if line and abs(value) > math.cbrt(24.0 * tightest(line) ** 2 * _BENT):
         raise element.fault("a distance across a curve of the road is not supported")
     x, y = (_apart(element, one, other, axis, frame) for axis in (X, Y))
     if element.flag("freespace"):
