@@ -712,7 +712,8 @@ IN_VAIN = {
     ),
     "tilts of positions": (
         'dLane="1" ds="50" offset="0.25"/>',
-        'dLane="1" ds="50" offset="0.25"><Orientation r="0.1"/></RelativeLanePosition>',
+        'dLane="1" ds="50" offset="0.25"><Orientation type="relative" r="0.1"/>'
+        "</RelativeLanePosition>",
     ),
     "followingMode `follow`": ('dynamicsDimension="rate"', FOLLOWS),
 }
@@ -1164,6 +1165,45 @@ def test_the_largest_distance_is_refused_on_a_curve(tmp_path):
     events = re.sub("<RelativeD.*?/>", far, CUT_IN, flags=re.S)
     with refusal("<DistanceCondition>: a distance across a curve of the road is not supported"):
         read_file(changed(tmp_path, events=events, curvature=0.002))
+
+
+SEEN = """<RelativeDistanceCondition entityRef="Ego" relativeDistanceType="{}" freespace="false"
+rule="lessThan" value="5"/>"""
+
+
+@pytest.mark.parametrize("events, sentence", [
+    (timed(ACROSS, 2), "<LaneChangeAction>: .* along a lane, which `Other` leaves"),
+    (timed(OFFSET, 2), "<LaneOffsetAction>: .* along a lane, which `Other` leaves"),
+    (timed(KEPT.format("Ego", "true", ""), 2), "a distance of an entity that leaves its lane"),
+    *(
+        (
+            re.sub("<RelativeD.*?/>", SEEN.format(kind), CUT_IN, flags=re.S)
+            .replace('entityRef="Ego"/></Trig', 'entityRef="Other"/></Trig')
+            .replace(ACROSS, BRAKE),
+            f"a {kind} distance along the axes of `Other`, which leaves its lane",
+        )
+        for kind in ("longitudinal", "lateral")
+    ),
+])  # fmt: skip
+@pytest.mark.parametrize("turned", ["-0.1", "-1.5707963"])
+def test_an_actor_at_an_angle_to_its_lane_has_no_places_across_it(
+    tmp_path, events, sentence, turned
+):
+    place = OTHER_PLACE.replace("/>", f'><Orientation type="relative" h="{turned}"/>')
+    place = place.replace('offset="0.25"', 'offset="5"') + "</RelativeLanePosition>"
+    with refusal(sentence):
+        read_file(changed(tmp_path, (OTHER_PLACE, place), events=events))
+
+
+def test_no_lane_change_follows_a_curved_trajectory(tmp_path):
+    """Its lane is another one then than at the start."""
+    shape = _line(_at(1, 70.0), _at(1, 90.0), _at(-1, 120.0), _at(-1, 150.0))
+    back = ACROSS.replace(
+        '<RelativeTargetLane entityRef="Ego" value="0"', '<AbsoluteTargetLane value="1"'
+    )
+    events = timed(_following(shape), 0) + timed(back, COMPLETE.format("e1"), n=2)
+    with refusal("<LaneChangeAction>: .* along a lane, which `Other` leaves"):
+        read_file(changed(tmp_path, (' offset="0.25"', ""), events=events))
 
 
 def test_stories_and_manoeuvres_have_parameters_of_their_own(tmp_path):

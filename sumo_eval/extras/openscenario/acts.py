@@ -125,7 +125,7 @@ def depend_on(
     """
     other = traffic.places.referred(target)
     if other is not mover:
-        if kinds == ACROSS and other.moved != 0.0:
+        if kinds == ACROSS and (other.moved != 0.0 or other.leaves_lane):
             raise target.fault(f"`{other.name}`, to which it is relative, also moves across")
         note_plan(other, begin, kinds, target, mover.next_move)
     return other

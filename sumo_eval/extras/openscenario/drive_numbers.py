@@ -142,6 +142,11 @@ def _distance(element: Node, entity: Entity, places: Places, frame: Frame) -> Co
     kind = element.one_of("relativeDistanceType", kinds, default)
     value, other = element.number("value"), _target(element, places, frame)
     if kind in ("longitudinal", "lateral"):
+        if entity.leaves_lane and _system(element) == "entity":
+            raise element.fault(
+                f"a {kind} distance along the axes of `{entity.name}`, which leaves its lane, is "
+                "not supported: the `coordinateSystem` lane or road is"
+            )
         axis = X if kind == "longitudinal" else Y
         return _apart(element, entity, other, axis, frame), value
     return _straight(element, entity, other, value, frame)
@@ -264,8 +269,7 @@ def _scale(element: Node, entity: Entity, frame: Frame) -> float:
     curve, a metre of the line is 1 - curvature * left metres on the parallel `left` m to its
     left. The mean curvature of the whole line counts.
     """
-    default = "lane" if element.flag("alongRoute") else "entity"
-    system = element.one_of("coordinateSystem", ("entity", "lane", "road"), default)
+    system = _system(element)
     if not frame.line:
         return 1.0
     # angle from the first heading to the last, rad: mean curvature of each piece by its length
@@ -274,6 +278,12 @@ def _scale(element: Node, entity: Entity, frame: Frame) -> float:
     left = -frame.way * frame.offset if system == "road" else entity.frame.y
     curvature = turned / length_of(frame.line)  # mean, 1/m
     return 1.0 - curvature * left
+
+
+def _system(element: Node) -> str:
+    """The coordinate system in which a condition measures."""
+    default = "lane" if element.flag("alongRoute") else "entity"
+    return element.one_of("coordinateSystem", ("entity", "lane", "road"), default)
 
 
 def _ahead(element: Node, one: Entity, other: Entity | Pose, axis: int) -> DriveNumber:

@@ -263,8 +263,8 @@ def _apart(traffic: FileTraffic, element: Node, entity: Entity) -> tuple[Entity,
     `played.PLAY` under `match`. Both numbers may be below 0.
     """
     other = traffic.places.referred(element)
-    if entity.on_map or other.on_map:
-        raise element.fault("a distance of an entity that drives on the map is not supported")
+    if entity.leaves_lane or other.on_map:
+        raise element.fault("a distance of an entity that leaves its lane is not supported")
     # on a curve the distance is along the lane, not along the file's reference line
     systems = ("entity", "lane") if traffic.frame.line else ("entity", "lane", "road")
     element.one_of("coordinateSystem", systems, "entity")
@@ -450,9 +450,9 @@ def _across(
 
     to: positive to the left of the frame's road.
     """
-    if entity.on_map:
+    if entity.leaves_lane:
         raise element.fault(
-            f"`{entity.name}` drives straight on the map, so it has no lane to move across"
+            f"a lateral move is supported along a lane, which `{entity.name}` leaves before"
         )
     offset = to - entity.moved
     if last := unended_move(traffic, entity, begin, ACROSS):

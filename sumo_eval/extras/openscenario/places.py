@@ -27,7 +27,7 @@ from sumo_eval.extras.openscenario.earth import on_map
 from sumo_eval.extras.openscenario.network import ON, Lane, MapRoad, Network
 from sumo_eval.extras.openscenario.reading import Node
 from sumo_eval.frozen import frozen
-from sumo_eval.scenario.played import EGO, ENDED, Act, Move, Pairs, Program
+from sumo_eval.scenario.played import EGO, ENDED, PATH, Act, Move, Pairs, Program
 from sumo_eval.scenario.road.pose import Pose
 from sumo_eval.scenario.road.reference_line import Line, length_of, map_places, piece_of_file
 
@@ -157,6 +157,12 @@ class Entity:
     def next_move(self) -> Move:
         """Identity of the move that the entity will be given next."""
         return self.number, len(self.acts)
+
+    @property
+    def leaves_lane(self) -> bool:
+        """Whether its path so far leads across the road, or off it, instead of along a lane."""
+        turned = abs(math.sin(self.frame.heading)) > ALONG
+        return turned or self.on_map or any(act.kind == PATH for act in self.acts)
 
     def ended(self) -> Program:
         """The condition that the entity's last move so far has ended."""
