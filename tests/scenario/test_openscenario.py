@@ -1206,6 +1206,21 @@ def test_no_lane_change_follows_a_curved_trajectory(tmp_path):
         read_file(changed(tmp_path, (' offset="0.25"', ""), events=events))
 
 
+def test_a_lane_of_another_road_is_no_target(tmp_path):
+    third = """<ScenarioObject name="Third"><CatalogReference catalogName="cars" entryName="car"/>
+    </ScenarioObject></Entities>"""
+    there = """<Private entityRef="Third"><PrivateAction><TeleportAction><Position><LanePosition
+    roadId="1" laneId="-1" s="90"/></Position></TeleportAction></PrivateAction></Private></Actions>
+    </Init>"""
+    path = changed(tmp_path, ("</Entities>", third), ("</Actions></Init>", there),
+        events=timed(ACROSS.replace('"Ego"', '"Third"'), 2))  # fmt: skip
+    road = re.search(r"<road .*</road>", ROAD, re.DOTALL)[0].replace('id="0"', 'id="1"')
+    road = road.replace('x="5"', 'x="25"')
+    (tmp_path / "road.xodr").write_text(ROAD.replace("</OpenDRIVE>", f"{road}</OpenDRIVE>"))
+    with refusal("`Third`, to which it is relative, is not on the ego's road"):
+        read_file(path)
+
+
 def test_stories_and_manoeuvres_have_parameters_of_their_own(tmp_path):
     """The story's `who` is whom the group moves, the manoeuvre's `far` replaces the story's; the
     act has begun."""

@@ -369,9 +369,12 @@ def _target_lane(traffic: FileTraffic, target: Node, entity: Entity, begin: Mome
     """The lane that a <LaneChangeTarget> names; target: its child."""
     if target.tag == "RelativeTargetLane":
         other = depend_on(traffic, target, entity, begin, ACROSS)
+        of_other, lane = _lane_now(traffic.frame, other, target)
+        if of_other.name != traffic.frame.road:
+            raise target.fault(f"`{other.name}`, to which it is relative, is not on the ego's road")
         # `value` counts to the left as seen by that entity
         lanes = target.whole("value") * (other.placed().way or 1)
-        return traffic.places.lane_beside(*_lane_now(traffic.frame, other, target), lanes, target)
+        return traffic.places.lane_beside(of_other, lane, lanes, target)
     if target.tag != "AbsoluteTargetLane":
         raise target.unsupported()
     road = entity.placed().road
