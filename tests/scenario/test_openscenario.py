@@ -1221,6 +1221,33 @@ def test_a_lane_of_another_road_is_no_target(tmp_path):
         read_file(path)
 
 
+@pytest.mark.parametrize(
+    "shape, curvature, length",
+    [
+        (_line(_at(1, 70.0), _at(1, 90.0)), "", 20.0),
+        (_line(_at(1, 70.0), _at(1, 90.0)), "0.001", 20.0 * (1.0 - 0.00175)),
+        (_line(_at(1, 70.0), _at(1, 80.0), _at(-1, 100.0)), "", 10.0 + math.hypot(20.0, 3.5)),
+    ],
+)
+def test_end_of_a_trajectory_without_times_begins_an_event(tmp_path, shape, curvature, length):
+    """At 15 m/s its end comes after length / 15 s; 1 s later the brake has taken 5 m/s."""
+    events = timed(_following(shape), 0) + timed(BRAKE, COMPLETE.format("e1"), n=2)
+    middle = ' offset="0.25"', ""
+    other = driven(tmp_path, middle, events=events, curvature=curvature)
+    at = length / 15.0
+    assert np.interp([at, at + 1.0], other.time, other.speed) == pytest.approx([15, 10], abs=0.3)
+
+
+def test_speed_changes_on_a_trajectory_without_times(tmp_path):
+    """A change of 10 m/s in 5 s that has begun when the trajectory begins."""
+    slower = BRAKE.replace('"rate"\nvalue="5"', '"time" value="5"').replace('"0"', '"5"')
+    events = timed(slower, 0) + timed(_following(_line(_at(1, 70.0), _at(1, 90.0))), 0, n=2)
+    other = driven(
+        tmp_path, (' offset="0.25"', ""), ("overwrite", "parallel"), events=events
+    )  # fmt: skip
+    assert np.interp([2.5, 5.0], other.time, other.speed) == pytest.approx([10.0, 5.0], abs=0.1)
+
+
 def test_stories_and_manoeuvres_have_parameters_of_their_own(tmp_path):
     """The story's `who` is whom the group moves, the manoeuvre's `far` replaces the story's; the
     act has begun."""

@@ -49,6 +49,7 @@ from sumo_eval.extras.openscenario.reading import Node
 from sumo_eval.scenario.played import (
     ALONG,
     AND,
+    AT_MOST,
     BELOW,
     BY_TIME,
     CONSTANT,
@@ -61,6 +62,7 @@ from sumo_eval.scenario.played import (
     Act,
     Pairs,
     X,
+    Y,
 )
 from sumo_eval.scenario.road.pose import Pose
 
@@ -497,6 +499,7 @@ def _follow_trajectory(traffic: FileTraffic, element: Node, entity: Entity, begi
             "a curved trajectory, or any on a curved road, is supported from the start, or of "
             "a standing entity"
         )
+    entity.on_map = bool(traffic.frame.line)  # on a curved road it leaves the road's coordinates
     # 2. its path: a straight one only gives a heading, on any other the body's centre follows
     if straight:
         entity.path = pose[:2], course.points[-1]
@@ -504,19 +507,39 @@ def _follow_trajectory(traffic: FileTraffic, element: Node, entity: Entity, begi
         start = course.at(ahead + entity.centre, element)
         entity.path = start[:2], *course.rest(ahead + entity.centre)
         pose = start.moved(-entity.centre, -entity.offset)
-        path = (Pose(*it, 0.0).seen_from(traffic.frame.origin)[:2] for it in entity.path[1:])
-        add_act(traffic, entity, begin, Act(PATH, table=tuple(path)), NEVER)
     entity.spot = replace(spot, pose=pose)
-    entity.on_map = bool(traffic.frame.line)  # on a curved road it leaves the road's coordinates
     entity.frame = in_frame(traffic.frame.pose_on_map(entity), ORIGIN, traffic.frame.line)
+    # where the body's centre is when the trajectory ends
+    last = course.at(course.length, element).moved(entity.centre, entity.offset * straight)
+    if not straight or (entity.on_map and not course.times):
+        points: Pairs = entity.path[1:] if course.times else (*entity.path[1:], last[:2])
+        path = tuple(Pose(*it, 0.0).seen_from(traffic.frame.origin)[:2] for it in points)
+        add_act(traffic, entity, begin, Act(PATH, table=path), NEVER)
+        if not course.times:
+            return Span(begin, NEVER, entity.ended())
     # 3. its speeds, where the trajectory has times
     if not course.times:
-        return add_act(traffic, entity, begin, Act(KEEP), NEVER)
+        return _until_last(traffic, entity, begin, last.seen_from(traffic.frame.origin))
     if ahead:
         raise element.fault(_FROM_ZERO)
     knots = _timed_speeds(element, course, at_start=at_start)
     lasts, entity.pace = knots[-1]
     return add_act(traffic, entity, begin, Act(BY_TIME, table=knots), lasts)
+
+
+def _until_last(traffic: FileTraffic, entity: Entity, begin: Moment, last: Pose) -> Span:
+    """When a straight trajectory without times ends; on it, other actions set the speed.
+
+    last: place of its body's centre in the frame when it ends.
+    """
+    cos, sin = math.cos(entity.frame.heading), math.sin(entity.frame.heading)
+    x, y = (of_vehicle(axis, entity.number) for axis in (X, Y))
+    driven = x * constant(cos) + y * constant(sin)
+    there = constant(last.x * cos + last.y * sin)
+    at_end = Moment(0.0, (*there.program, *driven.program, operation(AT_MOST)))
+    # a move by 0 m, which ends at once: a condition can read only the end of a move
+    span = add_act(traffic, entity, at_end, Act(COSINE, 0.0, AT_ONCE), NEVER)
+    return replace(span, begin=begin)
 
 
 def _timed_speeds(element: Node, course: MapPath, *, at_start: bool) -> Pairs:

@@ -217,6 +217,11 @@ class MapPath:
         line = _towards(self.points[0], self.points[-1])
         return all(abs(Pose(*it, 0.0).seen_from(line).y) <= _STRAIGHT for it in self.points)
 
+    @property
+    def length(self) -> float:
+        """Length of the path, m."""
+        return sum(math.dist(*ends) for ends in pairwise(self.points))
+
     def at(self, s: float, element: Node, t: float = 0.0) -> Pose:
         """The place s m along the path, and t m to its left; an InputError beyond its ends.
 
