@@ -1248,6 +1248,19 @@ def test_speed_changes_on_a_trajectory_without_times(tmp_path):
     assert np.interp([2.5, 5.0], other.time, other.speed) == pytest.approx([10.0, 5.0], abs=0.1)
 
 
+def test_a_target_on_a_curve_is_reached_along_the_road(tmp_path):
+    """A left bend of 200 m: the ego drives 200 m of the reference line 1.75 m outside of it, the
+    other 150 m, which are as much longer along the line of the road, the ego's.
+    """
+    place = '<LanePosition roadId="0" laneId="{}" s="220"/>'
+    meet = f"""<SynchronizeAction masterEntityRef="Ego"><TargetPositionMaster>{place.format(-1)}
+    </TargetPositionMaster><TargetPosition>{place.format(1)}</TargetPosition></SynchronizeAction>"""
+    (other,) = only_case(changed(tmp_path, events=timed(meet, 0), curvature=0.005)).actors
+    times, speeds = np.array([(0.0, other.start.speed), *other.acts[0].table]).T
+    assert times[-1] == pytest.approx(200.0 * 1.00875 / 20.0)
+    assert np.trapezoid(speeds, times) == pytest.approx(150.0 * 1.00875)
+
+
 def test_stories_and_manoeuvres_have_parameters_of_their_own(tmp_path):
     """The story's `who` is whom the group moves, the manoeuvre's `far` replaces the story's; the
     act has begun."""

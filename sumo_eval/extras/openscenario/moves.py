@@ -44,7 +44,7 @@ from sumo_eval.extras.openscenario.drive_numbers import (
 from sumo_eval.extras.openscenario.frame import ORIGIN, SAME, Frame
 from sumo_eval.extras.openscenario.moments import AT_ONCE, NEVER, Moment, Span
 from sumo_eval.extras.openscenario.network import ON, Lane, MapRoad, in_frame
-from sumo_eval.extras.openscenario.places import Entity, MapPath, Places, UnplacedError
+from sumo_eval.extras.openscenario.places import Entity, MapPath, Places, Spot, UnplacedError
 from sumo_eval.extras.openscenario.reading import Node
 from sumo_eval.scenario.played import (
     ALONG,
@@ -574,23 +574,28 @@ def _synchronize(traffic: FileTraffic, element: Node, entity: Entity, begin: Mom
         raise element.fault("its master must be the ego and move at the start")
     if begin.time > 0.0 and any(act.kind in SPEEDS for act in entity.acts):
         raise element.fault(f"the place of `{entity.name}` when this begins is unknown")
-    goal = traffic.places.spot(element.child("TargetPositionMaster")).pose
-    start = master.placed().pose
-    distance = goal.seen_from(start).x
-    if traffic.frame.turns:  # along the path on which it turns
-        at = in_frame(goal, traffic.frame.origin, traffic.frame.line)
-        distance = at.x - start.seen_from(traffic.frame.origin).x
+    spot = traffic.places.spot
+    distance = _ahead(traffic.frame, master, spot(element.child("TargetPositionMaster")))
     lasts = distance / master.speed - begin.time  # s until the master is at its place
     final, steady = _final_speed(element, master, entity)
-    target = traffic.places.spot(element.child("TargetPosition")).pose
-    pose = entity.placed().pose._replace(heading=entity.heading)
-    ahead = target.seen_from(pose).x - entity.pace * begin.time
+    ahead = _ahead(traffic.frame, entity, spot(element.child("TargetPosition")))
+    ahead -= entity.pace * begin.time
     try:
         knots = synchronized(ahead, lasts, entity.pace, final, steady)
     except InputError as error:
         raise element.fault(f"`{entity.name}` cannot be there when the ego is: {error}") from None
     entity.pace = final
     return add_act(traffic, entity, begin, Act(BY_TIME, table=knots), lasts)
+
+
+def _ahead(frame: Frame, entity: Entity, goal: Spot) -> float:
+    """How far an entity drives from its start to a place, m: along a curved road, else straight."""
+    start = entity.placed().pose._replace(heading=entity.heading)
+    if entity.on_map or not frame.line:
+        return goal.pose.seen_from(start).x
+    x, goal_x = (in_frame(it, frame.origin, frame.line).x for it in (start, goal.pose))
+    way = math.copysign(1.0, math.cos(entity.frame.heading))
+    return way * (goal_x - x) * frame.ground(entity.frame)
 
 
 def _final_speed(element: Node, master: Entity, entity: Entity) -> tuple[float, float]:
