@@ -1261,6 +1261,15 @@ def test_a_target_on_a_curve_is_reached_along_the_road(tmp_path):
     assert np.trapezoid(speeds, times) == pytest.approx(150.0 * 1.00875)
 
 
+def test_a_lane_change_leads_the_axle_to_the_middle(tmp_path):
+    """The centre of a body 0.3 m to the left of its axle stays so: from 3.8 m to 0.3 m."""
+    path = changed(tmp_path, (' offset="0.25"', ""), events=CUT_IN)
+    cars = tmp_path / "catalogs" / "cars.xosc"
+    cars.write_text(CARS.replace('y="0" z="0"', 'y="0.3" z="0"'))
+    (other,) = only_case(path).actors
+    assert (other.start.y, other.acts[0].offset) == pytest.approx((3.8, -3.5))
+
+
 def test_stories_and_manoeuvres_have_parameters_of_their_own(tmp_path):
     """The story's `who` is whom the group moves, the manoeuvre's `far` replaces the story's; the
     act has begun."""

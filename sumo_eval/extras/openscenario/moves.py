@@ -345,7 +345,7 @@ def _until_there(
 def _change_lane(traffic: FileTraffic, element: Node, entity: Entity, begin: Moment) -> Span:
     lane = _target_lane(traffic, element.child("LaneChangeTarget").only_child(), entity, begin)
     t = lane.centre + element.number("targetLaneOffset", 0.0)
-    offset = _y(traffic.frame, t, element, entity) - entity.frame.y
+    offset = _y(traffic.frame, t, element, entity) - _axle_y(entity)
     dynamics = traffic.places.exact(element.child("LaneChangeActionDynamics"))
     shape = _shape(dynamics, "lateral move", *_PEAKS)
     value = dynamics.above_zero("value")  # m/s, s or m
@@ -392,12 +392,12 @@ def _take_offset(traffic: FileTraffic, element: Node, entity: Entity, begin: Mom
         if continuous:
             raise target.fault("an offset that is kept to another entity is not supported")
         other = depend_on(traffic, target, entity, begin, ACROSS)
-        y = other.frame.y + other.moved
+        y = _axle_y(other) + other.moved
     elif target.tag == "AbsoluteTargetLaneOffset":
         y = _y(traffic.frame, _lane_now(traffic.frame, entity, target)[1].centre, element, entity)
     else:
         raise target.unsupported()
-    offset = y + traffic.frame.way * target.number("value") - entity.frame.y
+    offset = y + traffic.frame.way * target.number("value") - _axle_y(entity)
     dynamics = element.child("LaneOffsetActionDynamics")
     shape = _shape(dynamics, "lateral move with `maxLateralAcc`", *_STRONGEST)
     strongest = dynamics.above_zero("maxLateralAcc", " m/s2")
@@ -440,6 +440,11 @@ def _y(frame: Frame, t: float, element: Node, entity: Entity) -> float:
     if not road or road.name != frame.road:
         raise element.fault("a lateral move is supported on the ego's road only")
     return frame.way * (t - frame.offset)
+
+
+def _axle_y(entity: Entity) -> float:
+    """y in the frame of the reference point of an entity that drives along the road, m."""
+    return entity.frame.y - entity.offset * math.cos(entity.frame.heading)
 
 
 def _across(
