@@ -1270,6 +1270,19 @@ def test_a_lane_change_leads_the_axle_to_the_middle(tmp_path):
     assert (other.start.y, other.acts[0].offset) == pytest.approx((3.8, -3.5))
 
 
+def test_an_event_of_a_catalog_waits_for_one_without_effect(tmp_path):
+    lights = '<VisibilityAction graphics="true" sensors="true" traffic="true"/>'
+    events = timed(lights, 4) + timed(BRAKE, COMPLETE.format("e1"), n=2, delay=1)
+    (tmp_path / "catalogs").mkdir()
+    (tmp_path / "catalogs" / "manoeuvres.xosc").write_text(
+        '<OpenSCENARIO><FileHeader revMajor="1" revMinor="3"/><Catalog name="manoeuvres">'
+        f'<Maneuver name="m">{events}</Maneuver></Catalog></OpenSCENARIO>'
+    )
+    entry = '<CatalogReference catalogName="manoeuvres" entryName="m"/>'
+    (act,) = acts_of(tmp_path, ('<Maneuver name="m"></Maneuver>', entry))
+    assert act.begin == 5.0
+
+
 def test_stories_and_manoeuvres_have_parameters_of_their_own(tmp_path):
     """The story's `who` is whom the group moves, the manoeuvre's `far` replaces the story's; the
     act has begun."""

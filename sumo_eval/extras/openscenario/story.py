@@ -22,7 +22,9 @@ def _kinds(holder: Node) -> set[str]:
 
 
 def awaited_names(root: Node) -> set[str]:
-    """Names of the elements whose states a move waits for, directly or through other events."""
+    """Names of the elements whose states a move in `root` waits for, directly or through other
+    events.
+    """
     # of each condition on an element's state: the name of this element, and the names of the event
     # or act that waits for it, with those around it
     waits = []
@@ -73,7 +75,8 @@ class Story(NamedTuple):
     """Reader of acts, in the order of the file.
 
     traffic: the entities, to which the acts add moves.
-    awaited: names of the elements whose states a move waits for (`awaited_names`).
+    awaited: names of the elements whose states a move waits for (`awaited_names`): of the file,
+        and of the manoeuvres of catalogs so far.
     limit: time that the case lasts at most, s.
     """
 
@@ -137,6 +140,7 @@ class Story(NamedTuple):
             raise actors.fault("actors that the trigger selects are not supported")
         names = [part.text("entityRef") for part in actors.all("EntityRef")]
         parts = [self.traffic.places.catalogs.entry(part) for part in group.all("CatalogReference")]
+        self.awaited.update(*map(awaited_names, parts))
         parts += [part.within() for part in group.all("Maneuver")]
         spans = [self._maneuver(part, names, begin) for part in parts]
         return self.conditions.note(group, Span.over(begin, spans))
