@@ -1283,6 +1283,29 @@ def test_an_event_of_a_catalog_waits_for_one_without_effect(tmp_path):
     assert act.begin == 5.0
 
 
+@pytest.mark.parametrize(
+    "kind, name", [("event", "e"), ("maneuver", "m"), ("maneuverGroup", "g"), ("act", "a")]
+)
+def test_what_a_stop_ends_is_complete(tmp_path, kind, name):
+    """The act ends when the ego has driven 40 m, after 2 s, before its brake begins; a brake to 10
+    m/s by 5 m/s2 waits for its end.
+    """
+    far = '<TraveledDistanceCondition value="40"/>'
+    stop = re.sub("<RelativeD.*?/>", far, WAITS, flags=re.S).replace("StartTrigger", "StopTrigger")
+    stop = stop.replace('delay="0.5"', 'delay="0"')
+    near = CUT_IN.replace(ACROSS, BRAKE).replace('value="30"', 'value="1"')
+    group = """</ManeuverGroup>{}</Act><Act name="b"><ManeuverGroup name="h"><Actors><EntityRef
+    entityRef="Other"/></Actors><Maneuver name="n">{}</Maneuver></ManeuverGroup>"""
+    ended = COMPLETE.replace('"event"', f'"{kind}"').format(name)
+    then = timed(BRAKE.replace('"0"', '"10"'), ended, n=2)
+    other = driven(
+        tmp_path, ("</ManeuverGroup>", group.format(stop, then)), events=near
+    )  # fmt: skip
+    assert np.interp([1.8, 2.5, 4.0], other.time, other.speed) == pytest.approx(
+        [15.0, 12.5, 10.0], abs=0.3
+    )
+
+
 def test_stories_and_manoeuvres_have_parameters_of_their_own(tmp_path):
     """The story's `who` is whom the group moves, the manoeuvre's `far` replaces the story's; the
     act has begun."""

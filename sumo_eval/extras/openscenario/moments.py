@@ -114,6 +114,11 @@ class Span:
             return cls(begin, end)  # with `unending`, `end` is NEVER
         return cls(begin, end, _joined([it.ended or from_time(it.end) for it in parts], AND))
 
+    def end_by(self, program: Program) -> None:
+        """Let a condition end the element also, unless the element ends at a known time."""
+        if self.end == NEVER:
+            self.ended = _joined([self.ended, program], OR) if self.ended else program
+
 
 @dataclass(slots=True)
 class Conditions:

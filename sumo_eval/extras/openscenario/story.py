@@ -13,7 +13,7 @@ from sumo_eval.extras.openscenario.drive_numbers import operation
 from sumo_eval.extras.openscenario.moments import NEVER, Conditions, Moment, Span
 from sumo_eval.extras.openscenario.moves import begin_action
 from sumo_eval.extras.openscenario.reading import Node
-from sumo_eval.scenario.played import AND, BELOW, COSINE, KEEP, VALUE, Act
+from sumo_eval.scenario.played import AND, BELOW, COSINE, KEEP, VALUE, Act, Program
 
 
 def _kinds(holder: Node) -> set[str]:
@@ -89,6 +89,7 @@ class Story(NamedTuple):
         """Make moves of an act's events, and let its <StopTrigger> stop them."""
         begin = self.conditions.moment(act, Moment(0.0))
         # conditions in the act may ask whether it runs: it is noted before its end is known
+        first = len(self.conditions.spans)
         span = self.conditions.note(act, Span(begin, NEVER))
         before = [len(entity.acts) for entity in self.traffic.actors]
         over_groups = Span.over(begin, [self._group(it, begin) for it in act.all("ManeuverGroup")])
@@ -103,20 +104,24 @@ class Story(NamedTuple):
             return
         at = self.conditions.moment(act, Moment(0.0), stop.tag)
         if not at.known:
-            self._stopped(stop, at, before)
+            has_held = self._stopped(stop, at, before)
+            for _, _, inside in self.conditions.spans[first:]:  # the stop completes them, too
+                inside.end_by(has_held)
         elif at.time < min(span.end, self.limit):
             raise stop.fault("an act that a time stops while an actor moves in it is not supported")
 
-    def _stopped(self, stop: Node, at: Moment, before: list[int]) -> None:
+    def _stopped(self, stop: Node, at: Moment, before: list[int]) -> Program:
         """Let a condition stop an act: further moves do not begin, speeds stay as they are.
+
+        Returns the condition that the act was stopped.
 
         at: when the condition holds.
         before: number of moves of each actor before the act.
         """
         # Appended to the program of a move, in postfix: "and has held < 0.5". `latch` gives 1 once
         # the condition has held, else 0.
-        has_held = *self.conditions.latch(at.program, 0.0), (VALUE, 0, 0, 0.5)
-        and_not_held = (*has_held, operation(BELOW), operation(AND))
+        has_held = self.conditions.latch(at.program, 0.0)
+        and_not_held = (*has_held, (VALUE, 0, 0, 0.5), operation(BELOW), operation(AND))
         for entity, count in zip(self.traffic.actors, before, strict=True):
             acts = entity.acts
             own = [k for k in range(count, len(acts)) if not changes_nothing(acts[k])]
@@ -130,6 +135,7 @@ class Story(NamedTuple):
                 acts[k] = acts[k]._replace(program=(*acts[k].program, *and_not_held))
             if own:
                 acts.append(Act(KEEP, program=at.program))
+        return has_held
 
     def _group(self, group: Node, begin: Moment) -> Span:
         """Make moves of a <ManeuverGroup>; return when it runs."""
