@@ -1306,6 +1306,17 @@ def test_what_a_stop_ends_is_complete(tmp_path, kind, name):
     )
 
 
+def test_a_stop_by_time_that_varies_is_noted(tmp_path):
+    path = changed(
+        tmp_path, ("kph", "until"), ("${$until / 3.6}", "20"), ('value="30"', 'value="$until"')
+    )
+    varied = tmp_path / "varied.xosc"
+    varied.write_text(VARIATION.format(file=path.name, parts=RANGE.format(name="until")))
+    logical = space_of(varied)
+    assert logical.time_limit == 72.0
+    assert any("not the same at all points: all last up to 72 s" in it for it in logical.notes)
+
+
 def test_stories_and_manoeuvres_have_parameters_of_their_own(tmp_path):
     """The story's `who` is whom the group moves, the manoeuvre's `far` replaces the story's; the
     act has begun."""

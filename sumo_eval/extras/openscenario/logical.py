@@ -309,6 +309,10 @@ def _notes(path: Path, scenes: Scenes, dropped: Sequence[str]) -> list[str]:
         )
     if ignored := dict.fromkeys(kind for _, case in scenes for kind in case.ignored):
         notes.append(f"Not simulated: {', '.join(ignored)}.")
+    if len(ends := {case.ends for _, case in scenes}) > 1:
+        notes.append(
+            f"The stop's time is not the same at all points: all last up to {max(ends):g} s."
+        )
     if read_openscenario(path).find("ParameterValueDistribution/Stochastic"):
         notes.append("`numberOfTestRuns` and `randomSeed` are not used: the sampling's are.")
     return notes
