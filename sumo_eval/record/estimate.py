@@ -5,12 +5,14 @@ Users: `cli/run.py`.
 
 from collections import Counter, defaultdict
 from collections.abc import Iterable, Sequence
+from contextlib import closing
 from dataclasses import replace
 from itertools import chain, islice, zip_longest
 from math import ceil
 from pathlib import Path
 from statistics import fmean
 from time import perf_counter
+from typing import NamedTuple
 
 from sumo_eval.frozen import frozen
 from sumo_eval.method.zone_partition import refuse_impossible_zones
@@ -198,24 +200,46 @@ def _seconds_a_drive(kinds: Iterable[Kind], setup: Setup) -> tuple[dict[str, flo
         if timed and perf_counter() >= until:
             break
         # the time of the first drive, with imports and compilation, counts if no other is timed
-        seconds, in_time = _seconds_each(cases[:1], replace(setup, run=limits))
+        first = _timed_drives(cases[:1], replace(setup, run=limits), until)
+        seconds = first.seconds
         timed += 1
         # with a time limit as short as `_LONGEST_DRIVE`, the run itself breaks the drive off, too
-        broken_off |= not in_time and limits != setup.run
-        number = _MOST_DRIVES
+        broken_off |= not first.in_time and limits != setup.run
+        number = _MOST_DRIVES if first.in_time else 0
         if affinity(cases[0], setup) != NO_USER_CODE:
             # a batch of a user's ADS cannot be stopped: drive only what fits into the time
             number = int(min(_KIND_TIME, until - perf_counter()) / seconds)
-        if number > 0 and perf_counter() < until:
-            seconds, _ = _seconds_each(cases[:number], setup)
-            timed += len(cases[:number])
+        further = cases[1:number]
+        if further and perf_counter() < until:
+            more = _timed_drives(further, setup, until)
+            seconds = more.seconds
+            timed += more.drives
         durations[sort].append(seconds)
     return {sort: fmean(times) for sort, times in durations.items()}, timed, broken_off
 
 
-def _seconds_each(cases: Sequence[Case], setup: Setup) -> tuple[float, bool]:
-    """Mean wall time of some drives, s, and whether all of them ended in time."""
+class _TimedDrives(NamedTuple):
+    """Drives that were timed.
+
+    seconds: mean wall time of a drive, s.
+    drives: their number.
+    in_time: whether all of them ended in time.
+    """
+
+    seconds: float
+    drives: int
+    in_time: bool
+
+
+def _timed_drives(cases: Sequence[Case], setup: Setup, until: float) -> _TimedDrives:
+    """Drive cases, at least one, until a time."""
     began = perf_counter()
-    outcomes = list(run_cases(cases, setup))
-    seconds = (perf_counter() - began) / len(cases)
-    return seconds, all(outcome.status != "timeout" for outcome in outcomes)
+    outcomes = []
+    with closing(run_cases(cases, setup)) as ended:
+        for outcome in ended:
+            outcomes.append(outcome)
+            if perf_counter() >= until:
+                break
+    seconds = (perf_counter() - began) / len(outcomes)
+    in_time = all(outcome.status != "timeout" for outcome in outcomes)
+    return _TimedDrives(seconds, len(outcomes), in_time)

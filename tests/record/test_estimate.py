@@ -18,8 +18,8 @@ HALTON = ScenarioSettings("cut_in", sampling=SamplingSettings("halton", count=20
 FEW = ScenarioSettings("front_vehicle_low_speed", sampling=SamplingSettings("halton", count=9))
 
 
-def estimated(ads, source=HERE, scenarios=(HALTON,)):
-    settings = small(ads, run=RunSettings())
+def estimated(ads, source=HERE, scenarios=(HALTON,), **run):
+    settings = small(ads, run=RunSettings(**run))
     return costs.estimate(Resolved.of(replace(settings, scenario=scenarios), source), None)
 
 
@@ -87,6 +87,14 @@ def test_kinds_without_a_time_take_that_of_measured_ones(monkeypatch):
         "Drives of the references and human drivers were not timed: they count as the rest."
         in str(found)
     )
+
+
+def test_slow_drives_of_a_baseline_end_when_the_time_is_up(monkeypatch):
+    """Each is a batch of its own, so the rest need not be driven."""
+    clock = iter(range(10_000))
+    monkeypatch.setattr(costs, "perf_counter", lambda: 0.15 * next(clock))
+    found = estimated(["idm"], cases_per_pack=1)
+    assert 2 < found.timed < 15
 
 
 SLOW = """
