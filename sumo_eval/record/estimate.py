@@ -16,7 +16,7 @@ from typing import NamedTuple
 
 from sumo_eval.frozen import frozen
 from sumo_eval.method.zone_partition import refuse_impossible_zones
-from sumo_eval.record.cases import Case, Role, Setup
+from sumo_eval.record.cases import Case, Outcome, Role, Setup
 from sumo_eval.record.claims import NO_USER_CODE, affinity
 from sumo_eval.record.engines import refuse_engine, run_cases
 from sumo_eval.record.facts import compile_loops, in_rounds, planned
@@ -29,7 +29,7 @@ from sumo_eval.text import duration_words
 _MOST_DRIVES = 32  # drives of a `Kind` that are timed, at most
 _KIND_TIME = 1.0  # s that the timed drives of one kind may take, if a user's ADS drives
 _ALL_TIME = 2.0  # s for all kinds: after that no further drives begin
-_LONGEST_DRIVE = 3.0  # s; a longer drive is broken off
+_LONGEST_DRIVE = 3.0  # s; a longer drive is broken off; loading its ADS does not count
 _MOST_KINDS = 12  # most ADSs that are loaded, and most pairs of ADS and scenario that are timed
 _SORTS = {"ads": "ADSs", "references": "references", "humans": "human drivers"}
 """Sorts of drives, with their names in messages; drives of a sort count as equally long."""
@@ -101,9 +101,13 @@ def estimate(run: Resolved, folder: Path | None) -> Estimate:
     # every n-th ADS is loaded; all of them if `run.only` names cases, since a case names its ADS
     step = 1 if settings.run.only else ceil(len(settings.ads) / _MOST_KINDS)
     loaded = settings.ads[::step]
+    ends = [perf_counter()]  # of loading, then of further parts of the planning, s
     plan, spaces = planned(
-        replace(run, settings=replace(settings, ads=loaded)), looked_at=_MOST_POINTS
+        replace(run, settings=replace(settings, ads=loaded)),
+        lambda *_: ends.append(perf_counter()),
+        _MOST_POINTS,
     )
+    loading = ends[1] - ends[0]  # of all these ADSs, at least as long as that of one
     for space in spaces:
         refuse_impossible_zones(space.logical, settings.method.zones)  # as a run does
     compile_loops(settings, spaces)
@@ -114,7 +118,7 @@ def estimate(run: Resolved, folder: Path | None) -> Estimate:
     for stage in chain.from_iterable(stages(space, plan_of_all) for space in spaces):
         drives[_sort(stage.role)] += stage.total
     setup = replace(plan.setup, run=replace(settings.run, workers=1, engine="processes"))
-    durations, timed, broken_off = _seconds_a_drive(_kinds(plan, spaces), setup)
+    durations, timed, broken_off = _seconds_a_drive(_kinds(plan, spaces), setup, loading)
     mean = fmean(durations.values()) if durations else 0.0
     seconds = sum(number * durations.get(sort, mean) for sort, number in drives.items())
     # recorded drives are taken to last as long as the mean of all drives
@@ -187,33 +191,39 @@ def _kinds(plan: Planner, spaces: Sequence[Space]) -> Iterable[Kind]:
                 yield sort, listed
 
 
-def _seconds_a_drive(kinds: Iterable[Kind], setup: Setup) -> tuple[dict[str, float], int, bool]:
+def _seconds_a_drive(
+    kinds: Iterable[Kind], setup: Setup, loading: float
+) -> tuple[dict[str, float], int, bool]:
     """Wall time of a drive of each sort that was timed, s; number of timed drives; whether one of
     them was broken off.
+
+    loading: longest time that loading an ADS may take, s.
     """
     until = perf_counter() + _ALL_TIME
     timed = 0
     broken_off = False
     durations = defaultdict[str, list[float]](list)
-    limits = replace(setup.run, case_timeout=min(setup.run.case_timeout, _LONGEST_DRIVE))
+    longest = min(setup.run.case_timeout, _LONGEST_DRIVE + loading)
+    limits = replace(setup.run, case_timeout=longest)
     for sort, cases in kinds:
         if timed and perf_counter() >= until:
             break
-        # the time of the first drive, with imports and compilation, counts if no other is timed
         first = _timed_drives(cases[:1], replace(setup, run=limits), until)
-        seconds = first.seconds
+        # its process starts and loads the ADS, which in a run happens once for many drives
+        start = first.elapsed - first.stepping
+        seconds = first.stepping  # counts if no other drive is timed
         timed += 1
         # with a time limit as short as `_LONGEST_DRIVE`, the run itself breaks the drive off, too
         broken_off |= not first.in_time and limits != setup.run
         number = _MOST_DRIVES if first.in_time else 0
         if affinity(cases[0], setup) != NO_USER_CODE:
             # a batch of a user's ADS cannot be stopped: drive only what fits into the time
-            number = int(min(_KIND_TIME, until - perf_counter()) / seconds)
+            number = int(min(_KIND_TIME, until - perf_counter() - start) / seconds)
         further = cases[1:number]
         if further and perf_counter() < until:
             more = _timed_drives(further, setup, until)
-            seconds = more.seconds
-            timed += more.drives
+            seconds = max(more.elapsed - start, more.stepping) / more.number
+            timed += more.number
         durations[sort].append(seconds)
     return {sort: fmean(times) for sort, times in durations.items()}, timed, broken_off
 
@@ -221,25 +231,30 @@ def _seconds_a_drive(kinds: Iterable[Kind], setup: Setup) -> tuple[dict[str, flo
 class _TimedDrives(NamedTuple):
     """Drives that were timed.
 
-    seconds: mean wall time of a drive, s.
-    drives: their number.
+    number: of these drives.
+    elapsed: wall time until all had ended, with the start of their process, s.
+    stepping: the part of it in which their simulations ran; all of it if that is not known.
     in_time: whether all of them ended in time.
     """
 
-    seconds: float
-    drives: int
+    number: int
+    elapsed: float
+    stepping: float
     in_time: bool
 
 
 def _timed_drives(cases: Sequence[Case], setup: Setup, until: float) -> _TimedDrives:
     """Drive cases, at least one, until a time."""
     began = perf_counter()
-    outcomes = []
+    outcomes: list[Outcome] = []
     with closing(run_cases(cases, setup)) as ended:
         for outcome in ended:
             outcomes.append(outcome)
             if perf_counter() >= until:
                 break
-    seconds = (perf_counter() - began) / len(outcomes)
+    elapsed = perf_counter() - began
+    recordings = [outcome.recording for outcome in outcomes if outcome.recording]
+    lost = len(recordings) < len(outcomes)
+    stepping = elapsed if lost else sum(recording.wall_time for recording in recordings)
     in_time = all(outcome.status != "timeout" for outcome in outcomes)
-    return _TimedDrives(seconds, len(outcomes), in_time)
+    return _TimedDrives(len(outcomes), elapsed, stepping, in_time)

@@ -38,7 +38,7 @@ def test_an_estimate_looks_at_some_points_and_counts_all(monkeypatch):
 def test_an_estimate_of_many_ads_times_a_few_of_them(count, scenarios, monkeypatch):
     timed = []
 
-    def seconds_a_drive(kinds, setup):
+    def seconds_a_drive(kinds, setup, loading):
         timed.extend(cases for sort, cases in kinds if sort == "ads")
         return {"ads": 2.0, "references": 0.0, "humans": 0.0}, 1, False
 
@@ -117,3 +117,20 @@ def test_estimate_of_slow_ads_loads_a_few_and_drives_a_few(tmp_path):
     assert "12 of the 1000 ADSs were loaded and timed; a run loads them all." in str(found)
     assert found.timed == 1
     assert "A drive was broken off after 3 s: the run takes longer than estimated." in str(found)
+
+
+LOADS_SLOWLY = """
+import time
+from sumo_eval import Command
+time.sleep(3.2)
+class Quick:
+    def act(self, seen):
+        return Command(0.0)
+"""
+
+
+def test_loading_an_ads_does_not_count_as_driving(tmp_path):
+    (tmp_path / "quick.py").write_text(LOADS_SLOWLY)
+    found = estimated(["quick.py:Quick"], tmp_path)
+    assert not found.broken_off
+    assert found.seconds * found.workers / found.drives.total() < 3.0
