@@ -28,9 +28,9 @@ from sumo_eval.text import duration_words
 
 _MOST_DRIVES = 32  # drives of a `Kind` that are timed, at most
 _KIND_TIME = 1.0  # s that the timed drives of one kind may take, if a user's ADS drives
-_ALL_TIME = 2.0  # s for all kinds: after that no further drives begin
+_ALL_TIME = 2.0  # s for all kinds: after that no further batch begins
 _LONGEST_DRIVE = 3.0  # s; a longer drive is broken off; loading its ADS does not count
-_MOST_KINDS = 12  # most ADSs that are loaded, and most pairs of ADS and scenario that are timed
+_MOST_KINDS = 12  # most ADSs, and most pairs of ADS and scenario, that are timed
 _SORTS = {"ads": "ADSs", "references": "references", "humans": "human drivers"}
 """Sorts of drives, with their names in messages; drives of a sort count as equally long."""
 _MOST_POINTS = 2_000  # points of each scenario that are checked and classified, at most
@@ -47,7 +47,8 @@ class Estimate:
     recorded: number of drives that are recorded already.
     seconds: wall time of the drives that are left, with all workers.
     timed: number of timed drives.
-    loaded: number of ADSs that were loaded, and of all ADSs.
+    workers: number of processes of the run.
+    loaded: number of ADSs that were loaded to be timed, and of all ADSs.
     untimed: names of sorts without a timed drive; their drives count as the mean of timed sorts.
     broken_off: whether a drive was ended after `_LONGEST_DRIVE`.
     """
@@ -70,12 +71,12 @@ class Estimate:
         lines = [
             f"{self.drives['ads']} drives of the ADSs, {self.drives['humans']} of human drivers "
             f"and {self.drives['references']} of the references{done}.",
-            f"About {time} with {self.workers} worker{many}, estimated from {timed} timed now, for "
-            f"{_ALL_TIME:g} s at most; scoring takes additional time.",
+            f"About {time} with {self.workers} worker{many}, estimated from {timed} timed now; "
+            "scoring takes additional time.",
         ]
         if loaded < of_all:
             lines.append(
-                f"{loaded} of the {of_all} ADSs were loaded and timed; a run loads them all."
+                f"At most {loaded} of the {of_all} ADSs were timed; a run loads and drives them all."
             )
         if self.untimed:
             sorts = " and ".join(self.untimed)
@@ -98,7 +99,7 @@ def estimate(run: Resolved, folder: Path | None) -> Estimate:
     recorded = 0 if folder is None else _recorded(folder, run)
     settings = _in_one_round(run.settings)
     run = replace(run, settings=settings)
-    # every n-th ADS is loaded; all of them if `run.only` names cases, since a case names its ADS
+    # every n-th ADS; all of them if `run.only` names cases, which may be of any ADS
     step = 1 if settings.run.only else ceil(len(settings.ads) / _MOST_KINDS)
     loaded = settings.ads[::step]
     ends = [perf_counter()]  # of loading, then of further parts of the planning, s
@@ -213,7 +214,7 @@ def _seconds_a_drive(
         start = first.elapsed - first.stepping
         seconds = first.stepping  # counts if no other drive is timed
         timed += 1
-        # with a time limit as short as `_LONGEST_DRIVE`, the run itself breaks the drive off, too
+        # a run whose own limit is as short breaks the drive off, too: then its time is right
         broken_off |= not first.in_time and limits != setup.run
         number = _MOST_DRIVES if first.in_time else 0
         if affinity(cases[0], setup) != NO_USER_CODE:
