@@ -21,7 +21,7 @@ from sumo_eval.record.claims import NO_USER_CODE, affinity
 from sumo_eval.record.engines import refuse_engine, run_cases
 from sumo_eval.record.facts import compile_loops, in_rounds, planned
 from sumo_eval.record.recording import Planner, Space, find_stale, stages
-from sumo_eval.record.store import FACTS, open_store
+from sumo_eval.record.store import FACTS, RECORDED, open_store
 from sumo_eval.scenario.resolved import Resolved
 from sumo_eval.settings import EvaluationSettings
 from sumo_eval.text import duration_words
@@ -51,6 +51,7 @@ class Estimate:
     loaded: number of ADSs that were loaded to be timed, and of all ADSs.
     untimed: names of sorts without a timed drive; their drives count as the mean of timed sorts.
     broken_off: whether a drive was ended after `_LONGEST_DRIVE`.
+    fills: whether synthetic drivers may be added to recorded ones; their drives are not counted.
     """
 
     drives: Counter[str]
@@ -61,6 +62,7 @@ class Estimate:
     loaded: tuple[int, int]
     untimed: tuple[str, ...]
     broken_off: bool
+    fills: bool
 
     def __str__(self) -> str:
         done = f"; {self.recorded} of them are recorded already" if self.recorded else ""
@@ -81,6 +83,10 @@ class Estimate:
         if self.untimed:
             sorts = " and ".join(self.untimed)
             lines.append(f"Drives of the {sorts} were not timed: they count as the rest.")
+        if self.fills:
+            lines.append(
+                "Drives of synthetic drivers, where too few are recorded, are not counted."
+            )
         if self.broken_off:
             lines.append(
                 f"A drive was broken off after {_LONGEST_DRIVE:g} s: the run takes longer than "
@@ -133,6 +139,7 @@ def estimate(run: Resolved, folder: Path | None) -> Estimate:
         (len(loaded), len(settings.ads)),
         tuple(words for sort, words in _SORTS.items() if drives[sort] and sort not in durations),
         broken_off,
+        settings.drivers.source == RECORDED and settings.drivers.too_thin == "fill",
     )
 
 

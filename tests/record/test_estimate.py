@@ -6,12 +6,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from drivers.test_reference import write_people
 from evaluations import small
 
 from sumo_eval.record import estimate as costs
 from sumo_eval.record import facts
 from sumo_eval.scenario.resolved import Resolved
-from sumo_eval.settings import RunSettings, SamplingSettings, ScenarioSettings
+from sumo_eval.settings import DriverSettings, RunSettings, SamplingSettings, ScenarioSettings
 
 HERE = Path()
 HALTON = ScenarioSettings("cut_in", sampling=SamplingSettings("halton", count=2000))
@@ -95,6 +96,17 @@ def test_slow_drives_of_a_baseline_end_when_the_time_is_up(monkeypatch):
     monkeypatch.setattr(costs, "perf_counter", lambda: 0.15 * next(clock))
     found = estimated(["idm"], cases_per_pack=1)
     assert 2 < found.timed < 15
+
+
+@pytest.mark.parametrize("too_thin", ["fill", "leave_out"])
+def test_drivers_that_fill_up_are_not_counted_and_reported(tmp_path, too_thin):
+    write_people(tmp_path, [29.0, 30.0], lead_step=0.8)
+    drivers = DriverSettings(source="recorded", recordings=("people.csv",), too_thin=too_thin)
+    settings = replace(small(run=RunSettings()), drivers=drivers)
+    found = costs.estimate(Resolved.of(settings, tmp_path), None)
+    assert found.drives["humans"] == 0
+    words = "Drives of synthetic drivers, where too few are recorded, are not counted."
+    assert (words in str(found)) == (too_thin == "fill")
 
 
 SLOW = """
