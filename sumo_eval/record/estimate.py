@@ -77,9 +77,7 @@ class Estimate:
             "scoring takes additional time.",
         ]
         if loaded < of_all:
-            lines.append(
-                f"At most {loaded} of the {of_all} ADSs were timed; a run loads and drives them all."
-            )
+            lines.append(f"At most {loaded} of the {of_all} ADSs were timed; a run loads them all.")
         if self.untimed:
             sorts = " and ".join(self.untimed)
             lines.append(f"Drives of the {sorts} were not timed: they count as the rest.")

@@ -126,7 +126,7 @@ def test_estimate_of_slow_ads_loads_a_few_and_drives_a_few(tmp_path):
     ads = {f"a{number}": f"slow.py:Slow?options.number={number}" for number in range(1000)}
     found = estimated(ads, tmp_path)
     assert found.loaded == (12, 1000)
-    assert "At most 12 of the 1000 ADSs were timed; a run loads and drives them all." in str(found)
+    assert "At most 12 of the 1000 ADSs were timed; a run loads them all." in str(found)
     assert found.timed == 1
     assert "A drive was broken off after 3 s: the run takes longer than estimated." in str(found)
 
