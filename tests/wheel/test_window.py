@@ -5,6 +5,7 @@ import asyncio
 import functools
 import json
 import signal
+import socket
 import subprocess
 import sys
 from contextlib import asynccontextmanager
@@ -92,6 +93,28 @@ async def test_only_its_own_page_at_its_own_address_may_talk():
             with pytest.raises(InvalidStatus, match="403"):
                 await opened(window, origin=origin)
         assert window._listening.getsockname()[0] == "127.0.0.1"
+
+
+class Port80(socket.socket):
+    """A socket that calls its port 80, which only a privileged program can bind."""
+
+    def getsockname(self):
+        return "127.0.0.1", 80
+
+
+@run
+async def test_browsers_leave_out_port_80(monkeypatch):
+    server = Port80()
+    server.bind(("127.0.0.1", 0))
+    _, port = socket.socket.getsockname(server)
+    server.listen()
+    monkeypatch.setattr(socket, "create_server", lambda address: server)
+    async with Window(page("Drive"), port=80) as window:
+        window.port = port
+        assert "HTTP/1.1 200" in await asked(window, "GET / HTTP/1.1\nHost: localhost")
+        address, origin = "ws://127.0.0.1:80/wheel", "http://127.0.0.1"
+        peer = await connect(address, origin=origin, proxy=None, host="127.0.0.1", port=port)
+        assert await closing(peer, '{"token": ""}') == UNKNOWN
 
 
 @run

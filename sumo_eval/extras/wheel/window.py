@@ -73,7 +73,9 @@ class Window:
         except OSError as error:
             raise InputError(f"Port {port} of {LOOPBACK} cannot be used: {said(error)}.") from error
         self.port: int = self._listening.getsockname()[1]
-        self._hosts = f"{LOOPBACK}:{self.port}", f"localhost:{self.port}"
+        names = LOOPBACK, "localhost"
+        # browsers leave out port 80, the default of HTTP, in `Host` and `Origin`
+        self._hosts = names if self.port == 80 else tuple(f"{it}:{self.port}" for it in names)
         self._server: Server | None = None
         self._peer: ServerConnection | None = None
         self._view: Json | None = None  # the last one that was shown
