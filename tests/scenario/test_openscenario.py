@@ -939,6 +939,29 @@ def test_an_act_that_began_stays_begun(tmp_path):
     assert only_case(path).actors == ()
 
 
+def test_an_event_that_began_before_its_alternative_counts(tmp_path):
+    """The first event begins at a gap below 30 m. The second waits for it to run, or for a gap
+    below -90 m; the act of both begins at 25 m/s, by when the gap may be wide again.
+    """
+    running = COMPLETE.replace("completeState", "runningState").format("e")
+    far = WAITS.replace('value="30"', 'value="-90"').replace('delay="0.5"', "")
+    group = far[far.index("<ConditionGroup>") : far.index("</StartTrigger>")]
+    both = timed(BRAKE, running, n=2).replace("</StartTrigger>", group + "</StartTrigger>")
+    fast = re.sub("<Rel.*?/>", '<SpeedCondition rule="greaterThan" value="25"/>', far, flags=re.S)
+    then = """</Maneuver></ManeuverGroup></Act><Act name="b"><ManeuverGroup name="h"><Actors><EntityRef
+    entityRef="Other"/></Actors><Maneuver name="n">"""
+    acts = acts_of(
+        tmp_path,
+        ("</ManeuverGroup></Act></Story>", f"</ManeuverGroup>{fast}</Act></Story>"),
+        events=CUT_IN.replace('delay="0.5"', "") + then + both,
+    )
+    last = acts[-1].program
+    began = [
+        k for k, act in enumerate(acts) if act.program == acts[0].program and act.offset == 0.0
+    ]
+    assert began and {(played.ENDED, 0, k, 0.0) for k in began} <= set(last)
+
+
 def test_a_point_looks_at_its_own_file_alone(tmp_path, monkeypatch):
     """Of hundreds of files that were read, the others are looked at once a file that is read."""
     read, looked, was = read_file(written(tmp_path)), [], reading.changed_at

@@ -200,8 +200,14 @@ class Conditions:
             )
         # 3. one condition on the drive, or several without a delay: one of them must hold
         else:
-            program = _joined([group.program for group in live], OR)
-            begin = replace(live[0], program=program, past=all(group.past for group in live))
+            past = all(group.past for group in live)
+            # If all are past, `_later` latches the whole. Else each group that is past has a latch
+            # of its own, if anything may have to hold after it.
+            latched = not past and (after.program or after.time > 0.0)
+            programs = [
+                self.latch(it.program, 0.0) if latched and it.past else it.program for it in live
+            ]
+            begin = replace(live[0], program=_joined(programs, OR), past=past)
         return replace(self._later(after, begin, trigger), past=True)
 
     def _later(self, one: Moment, two: Moment, element: Node) -> Moment:
