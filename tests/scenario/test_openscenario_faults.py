@@ -381,6 +381,15 @@ def test_a_time_begins_when_its_rule_changes(tmp_path, rule, edge):
     assert other.braking.begin == 4.0
 
 
+@pytest.mark.parametrize("time", [0, 5])
+def test_a_time_may_begin_at_the_limit_until_which_it_may(tmp_path, time):
+    until = f'<SimulationTimeCondition value="{time}" rule="lessOrEqual"/>'
+    until = f"<ByValueCondition>{until}</ByValueCondition>"
+    events = when(until, until.replace("less", "greater"))
+    (other,) = only_case(written(tmp_path, events=events)).actors
+    assert other.braking.begin == time
+
+
 def test_a_catalog_whose_entry_is_there_twice_is_not_guessed(tmp_path):
     """Two files with a catalog of one name: an entry that one of them has plays, one that both have
     is refused."""

@@ -339,8 +339,11 @@ def _by_time(element: Node, edge: str) -> Moment:
         raise element.fault(f"the time grows, so `{rule}` never has the edge `{edge}`: use `none`")
     if less and not element.compared(0.0, value):
         return Moment(NEVER)
+    if less and edge == "none":
+        # `lessOrEqual` holds at its limit still, and steps are longer than `AT_ONCE`
+        return Moment(0.0, until=value if rule == "lessThan" else value + AT_ONCE)
     if less:
-        return Moment(0.0, until=value) if edge == "none" else Moment(value)
+        return Moment(value)
     if rule == "equalTo" and value < 0.0:
         return Moment(NEVER)
     # `notEqualTo` holds from the start; with an edge it counts from `value` on
