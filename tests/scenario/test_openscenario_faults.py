@@ -372,6 +372,8 @@ def test_an_event_is_found_by_the_path_to_it(tmp_path):
     "lessThan", "risingOrFalling"
     "lessThan", "falling"
     "notEqualTo", "rising"
+    "notEqualTo", "falling"
+    "equalTo", "falling"
     """),
 )
 def test_a_time_begins_when_its_rule_changes(tmp_path, rule, edge):
@@ -379,6 +381,15 @@ def test_a_time_begins_when_its_rule_changes(tmp_path, rule, edge):
     path = written(tmp_path, events=events.replace('Edge="none"', f'Edge="{edge}"'))
     (other,) = only_case(change(path, '"day"', f'"{rule}"')).actors
     assert other.braking.begin == 4.0
+
+
+@pytest.mark.parametrize(
+    "rule, edge", [("greaterThan", "rising"), ("notEqualTo", "rising"), ("equalTo", "falling")]
+)
+def test_an_edge_before_the_start_never_comes(tmp_path, rule, edge):
+    events = timed(BRAKE, f'<SimulationTimeCondition value="-1" rule="{rule}"/>')
+    path = written(tmp_path, events=events.replace('Edge="none"', f'Edge="{edge}"'))
+    assert only_case(path).actors[0].braking is None
 
 
 @pytest.mark.parametrize("time", [0, 5])

@@ -331,11 +331,12 @@ class Conditions:
 def _by_time(element: Node, edge: str) -> Moment:
     """The moment of a <SimulationTimeCondition>.
 
-    The time only grows: `less` holds until a time, all other rules from a time on.
+    The time only grows: `less` holds until a time, `greater` from a time on. `equalTo` holds at
+    one instant, and `notEqualTo` at all others.
     """
     rule, value = element.one_of("rule", RULES), element.number("value")
     less = rule.startswith("less")
-    if edge == ("rising" if less else "falling"):
+    if rule not in RULES[4:] and edge == ("rising" if less else "falling"):
         raise element.fault(f"the time grows, so `{rule}` never has the edge `{edge}`: use `none`")
     if less and not element.compared(0.0, value):
         return Moment(NEVER)
@@ -344,8 +345,8 @@ def _by_time(element: Node, edge: str) -> Moment:
         return Moment(0.0, until=value if rule == "lessThan" else value + AT_ONCE)
     if less:
         return Moment(value)
-    if rule == "equalTo" and value < 0.0:
-        return Moment(NEVER)
+    if value < 0.0 and (rule == "equalTo" or edge != "none"):
+        return Moment(NEVER)  # nothing changes from the start on
     # `notEqualTo` holds from the start; with an edge it counts from `value` on
     at_start = rule == "notEqualTo" and edge == "none"
     return Moment(0.0 if at_start else max(value, 0.0))
