@@ -152,6 +152,9 @@ EVENTS = {
     r"<Condition>: a condition on the drive is not supported together with a time until which": when(
         by(GAP), SOON
     ),
+    r"<Condition>: a condition on the drive is not supported together with a time until": when(
+        by(GAP), SOON.replace("lessThan", "equalTo")
+    ),
     r"<SimulationTimeCondition>: the time grows, so `lessThan` never has the edge `rising`": (
         when(SOON).replace('Edge="none"', 'Edge="rising"')
     ),

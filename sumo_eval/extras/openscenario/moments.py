@@ -340,13 +340,15 @@ def _by_time(element: Node, edge: str) -> Moment:
         raise element.fault(f"the time grows, so `{rule}` never has the edge `{edge}`: use `none`")
     if less and not element.compared(0.0, value):
         return Moment(NEVER)
+    at_value = value + AT_ONCE  # it still holds at `value`: steps are longer than `AT_ONCE`
     if less and edge == "none":
-        # `lessOrEqual` holds at its limit still, and steps are longer than `AT_ONCE`
-        return Moment(0.0, until=value if rule == "lessThan" else value + AT_ONCE)
+        return Moment(0.0, until=value if rule == "lessThan" else at_value)
     if less:
         return Moment(value)
     if value < 0.0 and (rule == "equalTo" or edge != "none"):
         return Moment(NEVER)  # nothing changes from the start on
+    if rule == "equalTo" and edge != "falling":
+        return Moment(value, until=at_value)
     # `notEqualTo` holds from the start; with an edge it counts from `value` on
     at_start = rule == "notEqualTo" and edge == "none"
     return Moment(0.0 if at_start else max(value, 0.0))
