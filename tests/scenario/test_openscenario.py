@@ -959,7 +959,8 @@ def test_an_event_that_began_before_its_alternative_counts(tmp_path):
     began = [
         k for k, act in enumerate(acts) if act.program == acts[0].program and act.offset == 0.0
     ]
-    assert began and {(played.ENDED, 0, k, 0.0) for k in began} <= set(last)
+    assert began
+    assert {(played.ENDED, 0, k, 0.0) for k in began} <= set(last)
 
 
 def test_a_point_looks_at_its_own_file_alone(tmp_path, monkeypatch):
