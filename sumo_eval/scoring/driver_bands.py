@@ -1,7 +1,10 @@
 """Bands of the drivers: D_i of the drivers at each point, measured against the other drivers there,
 beside D_i of an ADS.
 
-Users: `report/`.
+A band is coarser than the D_i of an ADS: each driver is compared with one driver fewer, and on
+fewer cross-sections (`band_slice_spacing`, 2.5 m, instead of `slice_spacing`, 0.5 m).
+
+Users: `report/people.py`. Free to change: all but the order of `below_drivers`.
 """
 
 from collections.abc import Iterator
@@ -15,18 +18,19 @@ from sumo_eval.scoring.findings import findings_of, mean_of
 
 
 class DriverBand(NamedTuple):
-    """D_i of the drivers, over the safe cases in which an ADS has a D_i.
+    """D_i of the drivers, over the safe cases in which an ADS has a D_i ("cases" below).
+
+    A case with two drivers has no band: a driver is compared with at least two others.
 
     score: of the ADS in the scenario.
-    low: D_i of the driver with the least D_i of each case, averaged by exposure.
-    mean: mean D_i of the drivers of each case, averaged by exposure.
-    high: D_i of the driver with the largest D_i of each case, averaged by exposure. These three are
-        None if no case has a band.
+    low, mean, high: the least, the mean and the largest D_i among the drivers of a case, averaged
+        over the cases with a band by exposure; None if there are none, or all have exposure 0.
     below: number of cases in which D_i of the ADS is below that of every driver.
     banded: number of cases with a band.
-    drivers: fewest and most drivers of a case; empty if no case has drivers.
+    drivers: fewest and most drivers of a case.
     recorded: share of recorded drivers among all, 0..1.
-    thin: number of cases with too few recorded drivers.
+    thin: number of cases with too few recorded drivers, which synthetic ones fill up. Where they
+        are left out instead, the case has no D_i and does not count here.
     outside: number of cases outside the support of the exposure.
     bimodal: number of cases with drivers in two groups.
     unlike: number of cases with a manoeuvre that no driver made.
@@ -49,7 +53,7 @@ class DriverBand(NamedTuple):
 def driver_bands(evaluation: Evaluation) -> Iterator[DriverBand]:
     """The band of each score whose cases have a D_i."""
     for findings in findings_of(evaluation):
-        own = findings.cases[findings.indexed]
+        own = findings.cases[findings.indexed]  # the cases with a D_i
         if not len(own):
             continue
         low, mean, high = (
@@ -58,17 +62,16 @@ def driver_bands(evaluation: Evaluation) -> Iterator[DriverBand]:
         # numbers of drivers of the cases
         numbers = own.drivers[np.isfinite(own.drivers)].astype(int)
         all_drivers, recorded = numbers.sum(), np.nansum(own.recorded_drivers)
-        # whether each case is thin (it has a note), outside, bimodal, unlike: the last four fields
-        in_each_case = (
-            [note is not None for note in own.reference_note], own.exposure_note != "",
-            own.bimodal, own.manoeuvre_share == 0.0
-        )  # fmt: skip
         yield DriverBand(
             findings.score, low, mean, high,
+            # nan, of a case without a band, is above nothing
             int(np.sum(own.index < own.human_low)), int(np.isfinite(own.human_mean).sum()),
             (int(numbers.min()), int(numbers.max())) if len(numbers) else (),
             float(recorded / all_drivers) if all_drivers else 0.0,
-            *(int(np.sum(it)) for it in in_each_case)
+            thin=sum(note is not None for note in own.reference_note),
+            outside=int(np.sum(own.exposure_note != "")),
+            bimodal=int(np.sum(own.bimodal)),
+            unlike=int(np.sum(own.manoeuvre_share == 0.0))
         )  # fmt: skip
 
 
@@ -76,7 +79,7 @@ def below_drivers(evaluation: Evaluation, most: int) -> CaseTable:
     """The cases of all ADSs with D_i furthest below the drivers' mean D_i, the furthest first, at
     most `most`.
     """
-    cases, ahead = evaluation.cases, evaluation.cases.index - evaluation.cases.human_mean
-    places = np.flatnonzero(ahead < 0.0)
+    cases, difference = evaluation.cases, evaluation.cases.index - evaluation.cases.human_mean
+    places = np.flatnonzero(difference < 0.0)
     # lexsort: the last key counts first, so equal cases are sorted by name
-    return cases[places[np.lexsort((cases.case[places], ahead[places]))[:most]]]
+    return cases[places[np.lexsort((cases.case[places], difference[places]))[:most]]]

@@ -4,7 +4,8 @@ driver among the other drivers (the band), and the fields of the case's row.
 `steps.py` calls `survey` once for a scenario, then `compare_with_people` for some points at a time.
 `quantities.py` then makes the rows.
 
-Users: `scoring/quantities.py`, `scoring/steps.py`.
+Users: `scoring/quantities.py`, `scoring/steps.py`. Fixed: names of the fields, which are columns of
+cases.csv; the order of points and cases, so that sums keep their bits.
 """
 
 from __future__ import annotations
@@ -12,7 +13,7 @@ from __future__ import annotations
 from array import array
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, replace
-from itertools import chain, islice
+from itertools import chain
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -92,8 +93,8 @@ def _usable(
 
     drivers: number of drivers.
     recorded: number of recorded drivers among them.
-    settings: `[drivers]`: `source`, `least` number of recorded drivers, and `too_thin`, whether
-        synthetic drivers fill up.
+    settings: `[drivers]`: its `source`; where that is `recorded`, also `least`, the number of
+        recorded drivers that is enough, and `too_thin`, whether synthetic ones fill up.
     """
     enough = drivers >= FEWEST_DRIVERS
     if settings.source != RECORDED or recorded >= settings.least:
@@ -112,7 +113,8 @@ class Survey(NamedTuple):
     points: values of the parameters, (points, k), nan where no case was driven.
     people: whether ADSs can be compared with human drivers.
     driven: ADS -> numbers of the points of its cases, in the order of the cases.
-    left_out: ADS -> points at which D_i of its case is computed again without each driver.
+    left_out: ADS -> points at which D_i of its case is computed again without each driver, and
+        with one driver in place of another.
     """
 
     hazardous: BoolArray
@@ -133,19 +135,19 @@ def as_driven(chosen: Sample, driven: FloatArray, *, whole: bool) -> Sample:
     """
     is_driven = ~np.isnan(driven[:, 0])
     spare = len(chosen.points) - len(driven)  # chosen points after the last one that was driven
-    if (
-        spare >= 0
-        and not (whole and spare)
-        and np.array_equal(chosen.points[: len(driven)][is_driven], driven[is_driven])
+    if (spare == 0 or (spare > 0 and not whole)) and np.array_equal(
+        chosen.points[: len(driven)][is_driven], driven[is_driven]
     ):
         return chosen
-    # A point without a drive gets the values of the first driven point: this widens no range.
+    # a point without a drive gets the values of the first driven one: parameters keep their ranges
     driven_sample = sample_of(
         np.where(is_driven[:, None], driven, driven[is_driven][0]), chosen.method
     )
-    if spare:
-        return driven_sample if len(chosen.points) else replace(driven_sample, notes=chosen.notes)
-    # `rounds` of an adaptive sample gives these by the number of a point, wherever the point lies
+    if not len(chosen.points):  # the notes say why nothing can be chosen now
+        return replace(driven_sample, notes=chosen.notes)
+    if spare != 0:
+        return driven_sample
+    # as many points as before: an adaptive sample gives these by number, wherever the points lie
     return replace(driven_sample, stands_for=chosen.stands_for, stratum=chosen.stratum)
 
 
@@ -214,15 +216,16 @@ def _driven_points(space: ScenarioRun) -> tuple[IntArray, FloatArray]:
     Raises InputError if the scenario had other parameters when it was driven.
     """
     names = space.logical.names
-    for first in islice(space.store.facts("ideal", space.name), 1):
-        if set(first.values) != set(names):
-            raise InputError(
-                f"Scenario `{space.name}` of run {space.store.path.parent} was driven with the "
-                f"parameters {', '.join(first.values)}, and has {', '.join(names)} now: restore "
-                "its file, or run the evaluation again."
-            )
+    first = next(iter(space.store.facts("ideal", space.name)), None)
+    if first is not None and set(first.values) != set(names):
+        raise InputError(
+            f"Scenario `{space.name}` of run {space.store.path.parent} was driven with the "
+            f"parameters {', '.join(first.values)}, and has {', '.join(names)} now: restore "
+            "its file, or run the evaluation again."
+        )
     facts = space.store.facts("ideal", space.name)  # the ideal vehicle drives every point once
     rows = ((fact.point, *(fact.values[name] for name in names)) for fact in facts)
+    # the type of one row; a table without a row has the right number of columns, too
     table = np.fromiter(rows, np.dtype((np.float64, (1 + len(names),))))
     return table[:, 0].astype(np.intp), np.ascontiguousarray(table[:, 1:])
 
@@ -258,7 +261,8 @@ class DriverComparison(NamedTuple):
 
     references: point -> the drivers there.
     results: D_i of the cases, and bands of the drivers.
-    left_out: case -> its D_i without each driver, and the drivers' names, for some cases.
+    left_out: case -> its D_i without each driver and with one in place of another, and the drivers'
+        names, for some cases.
     """
 
     references: Mapping[int, PointReference]
@@ -295,6 +299,7 @@ def compare_with_people(
     drivers_of: dict[str, Sequence[str]] = {}  # case for which drivers are left out -> drivers
     for point in sorted(point for point, reference in compared.items() if reference.usable):
         reference, own = compared[point], cases.get(point, [])
+        # `driver` of a case is the name of its ADS
         left_out = [fact.case for fact in own if point in overview.left_out[fact.driver]]
         drivers_of |= dict.fromkeys(left_out, reference.drivers)
         jobs.append(
@@ -303,8 +308,8 @@ def compare_with_people(
                 space.logical.road,
                 tuple(fact.case for fact in own),
                 tuple(left_out),
-                len(reference.cases) >= FEWEST_FOR_A_BAND,
-                exchanges(reference.drivers, settings.drivers, settings.seed),
+                band=len(reference.cases) >= FEWEST_FOR_A_BAND,
+                exchanges=exchanges(reference.drivers, settings.drivers, settings.seed),
             )
         )
 
@@ -325,8 +330,8 @@ def compare_with_people(
         progress,
         space.cache,
     )
-    without = {case: (results.left_out[case], names) for case, names in drivers_of.items()}
-    return DriverComparison(compared, results, without)
+    varied = {case: (results.left_out[case], names) for case, names in drivers_of.items()}
+    return DriverComparison(compared, results, varied)
 
 
 def jackknifed(points: Sequence[int]) -> frozenset[int]:
@@ -344,9 +349,9 @@ def beside_people(
     """
     if zone == "hazardous":
         return {}
-    nobody = ThinReference(0, settings.least, None) if settings.source == RECORDED else None
-    without = PointReference((), (), 0, nobody, usable=False)
-    reference = people.references.get(fact.point, without)
+    note, _ = _usable(0, 0, settings)
+    no_drivers = PointReference((), (), 0, note, usable=False)
+    reference = people.references.get(fact.point, no_drivers)
     row: RowFields = {
         "drivers": len(reference.cases),
         "recorded_drivers": reference.recorded,
@@ -375,6 +380,7 @@ def reference_notes(cases: CaseTable) -> Iterator[ScoreNote]:
     """
     safe = cases.safe
     if thin := [note for note in cases.reference_note[safe] if note is not None]:
-        yield ThinReferences(len(thin), int(safe.sum()), sum(note.filled is None for note in thin))
+        left_out = sum(note.filled is None for note in thin)
+        yield ThinReferences(len(thin), int(safe.sum()), left_out)
     if outside := int(np.count_nonzero(cases.exposure_note != "")):
         yield Counted("outside_support", outside, len(cases))

@@ -276,7 +276,7 @@ def test_a_lone_recorded_driver_is_left_out_and_not_called_filled():
     """Synthetic drivers do not know the scenario, or all of their drives failed."""
     settings = DriverSettings(source=RECORDED, recordings=("people.csv",), too_thin="fill")
     lone = SimpleNamespace(
-        point=0, status="ok", controller=RECORDED, case="c-0000-recorded_00", driver="recorded_00"
+        point=0, status="ok", controller=RECORDED, case="c-0000", driver="recorded_00", log="ann"
     )
     reference = references([lone], settings)[0]
     assert not reference.usable
