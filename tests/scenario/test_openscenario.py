@@ -766,8 +766,10 @@ def test_no_synchronization_after_a_change_of_speed(tmp_path):
     events = [timed(action, at, n=n) for n, action, at in ((1, BRAKE, 2), (2, meet, 6))]
     (act,) = acts_of(tmp_path, events=events[1])
     assert act.table == ((4.0, 15.0),)
-    with refusal(r"the place of `Other` when this begins is unknown"):
-        acts_of(tmp_path, events="".join(events))
+    # a change that begins at 0 s, too, has not ended when the other begins then
+    for first, then in (events, (timed(BRAKE, 0), timed(meet, 0, n=2))):
+        with refusal(r"place or speed of `Other` when this begins is unknown"):
+            acts_of(tmp_path, ("overwrite", "parallel"), events=first + then)
     last = '<RelativeSpeedToMaster speedTargetValueType="{}" value="{}"/>'
     meet = meet.replace("</Sy", f"<FinalSpeed>{last}</FinalSpeed></Sy")
     for kind, value in (("delta", -5), ("factor", 0.75)):

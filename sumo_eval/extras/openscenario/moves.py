@@ -577,8 +577,8 @@ def _synchronize(traffic: FileTraffic, element: Node, entity: Entity, begin: Mom
         )
     if master is not traffic.ego or master.speed <= 0.0:
         raise element.fault("its master must be the ego and move at the start")
-    if begin.time > 0.0 and any(act.kind in SPEEDS for act in entity.acts):
-        raise element.fault(f"the place of `{entity.name}` when this begins is unknown")
+    if any(act.kind in SPEEDS for act in entity.acts):
+        raise element.fault(f"place or speed of `{entity.name}` when this begins is unknown")
     spot = traffic.places.spot
     distance = _ahead(traffic.frame, master, spot(element.child("TargetPositionMaster")))
     lasts = distance / master.speed - begin.time  # s until the master is at its place
