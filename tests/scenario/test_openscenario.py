@@ -1343,6 +1343,17 @@ def test_a_stop_by_time_that_varies_is_noted(tmp_path):
     assert any("not the same at all points: all last up to 72 s" in it for it in logical.notes)
 
 
+@pytest.mark.parametrize("when, plays", [(0, True), (0.03, True), (4, False), ("gap", False)])
+def test_a_trajectory_from_the_start_begins_there(tmp_path, when, plays):
+    """At 15 m/s the other is 0.45 m further after 0.03 s, and 60 m after 4 s."""
+    follow = _following(_line(_at(1, 70.0), _at(1, 90.0)))
+    events = CUT_IN.replace(ACROSS, follow) if when == "gap" else timed(follow, when)
+    path = changed(tmp_path, (' offset="0.25"', ""), events=events)
+    sentence = "<FollowTrajectoryAction>: the trajectory must begin before `Other` leaves its start"
+    with nullcontext() if plays else refusal(sentence):
+        read_file(path)
+
+
 def test_stories_and_manoeuvres_have_parameters_of_their_own(tmp_path):
     """The story's `who` is whom the group moves, the manoeuvre's `far` replaces the story's; the
     act has begun."""

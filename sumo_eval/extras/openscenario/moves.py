@@ -74,6 +74,7 @@ _DIMENSIONS = ("rate", "time", "distance")
 _SHAPES = ("linear", "step", "cubic", "sinusoidal")
 _SHARES = np.arange(1, 33) / 32  # knots of a curved change of speed, as shares of its time
 _THERE = 0.05  # m and m/s: a distance and a speed within this count as reached
+_AT_PATH = 0.5  # m: an entity this near to its trajectory is on it
 _MOST = 1e3  # m/s or m/s2: a limit that never acts, where the file has none
 # faults
 _STEADY = "over the distance of a lateral move the speed must stay the same, above 0 m/s"
@@ -495,8 +496,8 @@ def _follow_trajectory(traffic: FileTraffic, element: Node, entity: Entity, begi
     ahead = element.number("initialDistanceOffset", 0.0)
     straight = course.straight
     pose = course.at(ahead, element)
-    # 1. where it begins: at the entity, within 0.5 m
-    if math.dist(pose[:2], spot.pose[:2]) > 0.5:
+    # 1. where it begins: at the entity
+    if math.dist(pose[:2], spot.pose[:2]) > _AT_PATH:
         raise element.fault(f"the trajectory must begin where `{entity.name}` starts")
     at_start = begin.known and begin.time == 0.0
     if entity.speed > 0.0 and not at_start and (traffic.frame.line or not straight):
@@ -504,6 +505,9 @@ def _follow_trajectory(traffic: FileTraffic, element: Node, entity: Entity, begi
             "a curved trajectory, or any on a curved road, is supported from the start, or of "
             "a standing entity"
         )
+    begins = begin.time if begin.known else math.inf
+    if entity.speed > 0.0 and entity.speed * begins > _AT_PATH:
+        raise element.fault(f"the trajectory must begin before `{entity.name}` leaves its start")
     entity.on_map = bool(traffic.frame.line)  # on a curved road it leaves the road's coordinates
     # 2. its path: a straight one only gives a heading, on any other the body's centre follows
     if straight:
