@@ -184,6 +184,10 @@ EVENTS |= {
     ) + """<Event name="n" priority="parallel"><Action name="sets"><GlobalAction><ParameterAction parameterRef="light">
     <SetAction value="night"/></ParameterAction></GlobalAction></Action></Event>""",
 }  # fmt: skip
+SETS = next(it for it in EVENTS if "is set during the drive" in it)
+EVENTS[f"line .*{SETS}"] = EVENTS[SETS].replace(
+    '<ParameterAction parameterRef="', '<ParameterAction parameterRef="$'
+)
 TEXTS = {name: row for name, *row in rows_of(r"""
 <SimulationTimeCondition>: a stop by time must come after the start, got lessThan 30 s
 | value="30" rule="greaterThan" | value="30" rule="lessThan"

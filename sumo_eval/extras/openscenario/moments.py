@@ -272,7 +272,8 @@ class Conditions:
             raise element.fault("the edge `falling` is not supported of it")
         if element.tag == "ParameterCondition":
             name = element.parameter("parameterRef")
-            if element.element.xpath("//ParameterAction[@parameterRef=$name]", name=name):
+            sets = "//ParameterAction[translate(@parameterRef, '$', '')=$name]"
+            if element.element.xpath(sets, name=name):
                 raise element.fault(
                     f"parameter `{name}` is set during the drive, and is read before it here"
                 )
