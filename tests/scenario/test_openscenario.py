@@ -1354,6 +1354,16 @@ def test_a_trajectory_from_the_start_begins_there(tmp_path, when, plays):
         read_file(path)
 
 
+@pytest.mark.parametrize("name", ["None", "if"])
+def test_a_written_scenario_reads_whatever_its_actor_is_called(tmp_path, name):
+    """Its brake begins by a condition that names the actor; expressions have words of their own."""
+    events = CUT_IN.replace(ACROSS, BRAKE)
+    read = read_file(changed(tmp_path, ('"Other"', f'"{name}"'), events=events))
+    write_scenario(scenario_content(read, {}), tmp_path / "mine.toml")
+    (other,) = only_case(tmp_path / "mine.toml").actors
+    assert other.name == f"other_{name}"
+
+
 def test_stories_and_manoeuvres_have_parameters_of_their_own(tmp_path):
     """The story's `who` is whom the group moves, the manoeuvre's `far` replaces the story's; the
     act has begun."""

@@ -6,6 +6,7 @@ Users: `extras/openscenario/command.py`.
 import math
 import re
 from collections.abc import Sequence
+from keyword import iskeyword
 from pathlib import Path
 from typing import Any
 
@@ -111,7 +112,10 @@ def write_scenario(content: Table, path: Path) -> None:
 def _names(actors: Sequence[Actor]) -> list[str]:
     """Names of the actors, in order, made identifiers, as conditions require."""
     names = (re.sub(r"\W", "_", actor.name) for actor in actors)
-    return distinct(it if it.isidentifier() and it != "ego" else f"other_{it}" for it in names)
+    return distinct(
+        it if it.isidentifier() and not iskeyword(it) and it != "ego" else f"other_{it}"
+        for it in names
+    )
 
 
 def _road(road: Road) -> Table:
