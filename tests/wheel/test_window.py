@@ -239,6 +239,8 @@ async def steps(peer, stop_at=10**6, until=None, *, closes=True):
             continue
         if message.get("show") == "drive":
             await peer.send('{"ready": true}')
+        if "finished" in message:
+            await peer.send('{"finished": true}')
         if "state" in message:
             seen = message["state"][0]
             if seen >= stop_at:
@@ -290,6 +292,21 @@ def test_quitting_ends_the_drive(path):
     assert len(read_tape(path).rows) == 12
     assert again(path).same is True
     assert read_tape(path).end["error"] == "quit"
+
+
+@run
+async def test_last_figures_of_a_drive_are_on_its_tape(path):
+    """The page sends them once the server says that the drive is finished."""
+    figures = {"frames": 3, "dropped": 1, "stepped": 0, "latency": [20.0], "resolution": 1.0}
+    async with driven_to(path, 5) as (_, drive, peer):
+        await peer.send('{"quit": true}')
+        while "finished" not in json.loads(await asyncio.wait_for(peer.recv(), 10.0)):
+            pass
+        await peer.send(json.dumps({"telling": {**figures, "renderer": "plain drawing"}}))
+        await peer.send('{"finished": true}')
+        await asyncio.wait_for(drive, 30.0)
+    time = read_tape(path).end["time"]
+    assert (time["frames"], time["dropped"], time["inputs_timed"]) == (3, 1, 1)
 
 
 @run

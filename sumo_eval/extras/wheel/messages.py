@@ -78,6 +78,7 @@ class Message(TypedDict, total=False):
     quit: Wish
     answers: Annotated[dict[str, bool | Number | Remark], Field(max_length=50)]
     telling: Telling
+    finished: Wish
 
 
 _MESSAGE = TypeAdapter(Message)

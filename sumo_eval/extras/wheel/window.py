@@ -55,6 +55,7 @@ BROKEN = {
 """Code with which the library websockets closes a window by itself -> what the message is."""
 MOST_ANSWERS = 8  # that wait; the page sends one answer for a view
 MOST_TELLINGS = 10_000  # in one drive; the page sends one `Telling` a second
+LAST_FIGURES = 1.0  # s for which the end of a drive waits for the page's last figures
 
 
 class Window:
@@ -86,6 +87,7 @@ class Window:
         self._outbox: Json = {}
         self._outbox_filled = asyncio.Event()
         self._tellings: list[Json] = []
+        self._finished = asyncio.Event()  # set once the page has sent the last one
         self.faults: list[str] = []  # what was wrong with messages that our page cannot have sent
 
     @property
@@ -220,6 +222,8 @@ class Window:
                         f"A window may send its figures at most {MOST_TELLINGS} times in a drive."
                     )
                 self._tellings.append(value)
+            case "finished":
+                self._finished.set()
             case "pause":
                 desk.hold(value)
             case "quit":
@@ -302,7 +306,16 @@ class Window:
             raise
         finally:
             self._latest = None
+        await self._finish()
         return recording, self._tellings
+
+    async def _finish(self) -> None:
+        """Let the page end its drive, so that it sends the figures since its last telling."""
+        self._finished.clear()
+        if self._peer is not None:
+            with suppress(ConnectionClosed, TimeoutError):
+                await self._peer.send('{"finished": true}')
+                await asyncio.wait_for(self._finished.wait(), LAST_FIGURES)
 
 
 def _response(status: HTTPStatus, text: str, kind: str = "plain", policy: str = "") -> Response:

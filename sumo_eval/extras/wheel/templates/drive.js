@@ -737,6 +737,7 @@ const sumoDrive = (() => {
       const message = JSON.parse(event.data);
       if (message.state) { if (drive) drive.take(message.state); }
       else if (message.held) { releaseAll(); if (drive) drive.hold(message.held); } // keys released meanwhile were not reported
+      else if (message.finished) { leave(); say(message); } // the drive's last figures, and that they were the last
       else show(message);
     });
     socket.addEventListener("close", (event) => {
