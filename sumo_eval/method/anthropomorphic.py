@@ -1,21 +1,23 @@
 """Anthropomorphic index D, Eqs. 11-13: how closely an ADS drives as skilled humans do in the same
 concrete scenario.
 
-`compared_drives.py` has the drives at the slices, `index_terms.py` the terms of Eq. 11.
+`compared_drives.py` has the drives at the slices, `index_terms.py` the terms of Eq. 11. A slice
+here is a cross-section of the road.
 
 Readings of the paper (docs/method.md):
-- Slices end where the ADS was last seen, or earlier, at the drivers' mean reach. A driver's reach
-  is the distance from the driver's own start to where the driver was last seen.
+- The slices go as far as the ADS, or as the drivers on average if that is shorter: each drive
+  counts by the distance from its own start (`ComparedDrive.reach`).
 - In mixture mode (`settings.mode`) the drivers are those who made the ADS's manoeuvre
-  (`manoeuvres.py`), and the similarity is multiplied by how usual this manoeuvre is.
+  (`manoeuvres.py`), and the similarity is multiplied by how usual this manoeuvre is. If no driver
+  made it, all drivers count, and D_i is 0.
 - `operations.py` defines an operation.
 - The human-likeness of a case (`Likeness`) is computed together with D_i. Its similarity is always
   that of mixture mode.
 
 Users: `extras/bench/costs.py`, `extras/studies/qualification/table.py`,
-`record/human_reference.py`, `report/explain.py`, `scoring/drive_beside.py`. Fixed: names and
-arguments of `anthropomorphic_index`, `count_operations` and `exposure_weighted_index`, which users
-call; D_i to the last bit.
+`record/human_reference.py`, `report/explain.py`, `scoring/drive_beside.py`,
+`tools/people_evidence.py`. Fixed: names and arguments of `anthropomorphic_index`,
+`count_operations` and `exposure_weighted_index`, which users call; D_i to the last bit.
 """
 
 from collections.abc import Sequence
@@ -85,7 +87,8 @@ class Likeness:
 class Ingredients:
     """Quantities behind the factors of a D_i, for `report.explain`.
 
-    drivers: number of drivers that count; in mixture mode those of the ADS's manoeuvre.
+    drivers: number of drivers that count; in mixture mode those of the ADS's manoeuvre, or all if
+        no driver made it.
     ads_length, mean_length: L of the ADS, and its mean over these drivers, m.
     ads_operations, mean_operations: n of the ADS, and its mean over these drivers.
     slices: number of slices.
@@ -108,7 +111,7 @@ class Ingredients:
 
 @frozen
 class AnthropomorphicIndex:
-    """D_i of one ADS in one concrete scenario, Eq. 12, and its ingredients.
+    """D_i of one ADS in one concrete scenario, Eqs. 11-12, and its ingredients.
 
     value: D_i = length_factor * operation_factor * similarity, 0..1.
     length_factor: f_L.
@@ -156,9 +159,10 @@ def anthropomorphic_index(
     """Eqs. 11-12: D_i = f_L f_n mean(min(1, pt/pt_2sigma) min(1, pv/pv_2sigma)), one ADS in one
     concrete scenario.
 
-    f_L = min(1, L / mean of the drivers' L); f_n = min(1, mean of the drivers' n / n). The mean is
-    over all points of all slices. The slices begin at the ADS's start. They end where the ADS was
-    last seen, or at the drivers' mean reach if that is shorter.
+    f_L = min(1, L / mean of the drivers' L); f_n = min(1, mean of the drivers' n / n).
+
+    The similarity, mean(...), is over all points of all slices. The slices begin at the ADS's start
+    and go as far as the ADS, or as the drivers on average if that is shorter.
 
     ads: trajectory of the ADS in road coordinates.
     drivers: trajectories of at least two drivers in the same concrete scenario.
@@ -184,10 +188,10 @@ def indexes_by_group(
     groups: pairings whose fields are computed together.
     road, settings: as in `anthropomorphic_index`.
 
-    Lengths, operations and far fields of each trajectory are computed once for all groups. All
-    drivers together decide the stretch of road with boxes (`shared_fields.py`), and so the last
-    bits. A group's indexes do not change, to the last bit, by further groups whose drivers all
-    occur in it.
+    Lengths, operations and far fields of each trajectory are computed once for all groups. The
+    fields are summed in boxes (`shared_fields.py`) that divide the stretch of road where any driver
+    was. So a driver that extends this stretch changes the last bits of all groups. Further groups
+    change no bit of a group that has all their drivers.
 
     Raises InputError as `anthropomorphic_index`.
     """
@@ -197,7 +201,7 @@ def indexes_by_group(
     if not pairings:
         return [[] for _ in groups]
     vehicles = [ComparedDrive.of(trajectory, road, settings) for trajectory in trajectories]
-    # the fields are compared on the part of the road where any driver was
+    # the part of the road that is divided into boxes: where any driver was
     drivers = [vehicles[index] for pairing in pairings for index in pairing.drivers]
     stretch = Stretch(
         west=min(driver.begin for driver in drivers),
@@ -261,7 +265,7 @@ def _indexes(
         (pairing.ads, slices): slice_points(
             slice_positions(*slices), centres(pairing.ads, slices), road, settings
         )
-        for (pairing, _), (_, slices) in choices.items()
+        for (pairing, _mode), (_choice, slices) in choices.items()
     }
     used = sorted({index for pairing in pairings for index in (pairing.ads, *pairing.drivers)})
     fields = dict(zip(points, _fields_at(list(points.values()), used, shared), strict=True))

@@ -1,13 +1,13 @@
 """Facts of a run in one SQLite file: a row for each case, with its trajectories. A case is written
 in one transaction.
 
-Each process compares a file with its hashes (`record/facts_file.py`) once, before it reads
-anything. `vouch` notes in the run's cache that a file was checked as a whole. As long as that file
-does not change, later processes check less: a case when they read it, and the whole file before
-they read many.
+`open_store` compares a file with its hashes (`record/facts_file.py`) once in each process, before
+anything is read. `vouch` notes in the run's cache that a file was checked as a whole. As long as
+that file does not change, later processes check less: a case when they read it, and the whole file
+in `facts` and `digest`. They read lists and counts (`names`, `outcomes`, `counts`,
+`drivers_at_points`, `simulated_alone`) unchecked.
 
-Users: `cli/`, `evaluation.py`, `nightly/`, `record/`, `report/`, `scoring/`, `whatif/search.py`,
-`extras/`.
+Users: `cli/`, `evaluation.py`, `nightly/`, `record/`, `report/`, `scoring/`, `extras/`.
 """
 
 from __future__ import annotations
@@ -99,7 +99,8 @@ class Store(FactsFile):
     def add(self, *outcomes: Outcome) -> None:
         """Record cases, each with its row and all its trajectories: all of them or none.
 
-        A case replaces one of the same name that was recorded with another fingerprint.
+        A case replaces one of the same name that was recorded with another fingerprint. No case may
+        be recorded with its present one (`holds`).
 
         Raises InputError when the file cannot take them in, e.g. because the disk is full.
         """
@@ -114,9 +115,11 @@ class Store(FactsFile):
                 self._insert(table, chain.from_iterable(rows))
 
     def _insert(self, table: str, rows: Iterator[Row]) -> None:
-        for row in rows:  # once: the first row shows how many columns there are
-            query = f"INSERT INTO {table} VALUES ({','.join('?' * len(row))})"  # noqa: S608
-            self._connection.executemany(query, chain((row,), rows))
+        first = next(rows, None)
+        if first is not None:
+            columns = ",".join("?" * len(first))
+            query = f"INSERT INTO {table} VALUES ({columns})"  # noqa: S608
+            self._connection.executemany(query, chain((first,), rows))
 
     def holds(self, case: Case) -> bool:
         """Whether the case is recorded with the fingerprint that it has now, and of an ADS that is
@@ -176,12 +179,12 @@ class Store(FactsFile):
         """
         case = outcome.case.key
         self._check_one(case)
-        (now,), *_, drives = rows_of(outcome)
+        facts, *_, drives = rows_of(outcome)  # rows by `TABLES`: one of `facts`, trajectories last
         before = self._first('SELECT * FROM facts WHERE "case" = ?', case)
         names = [name for _, name, *_ in self._read("PRAGMA table_info(facts)")]
         words = [
             f"{name}: {was!r}, now {value!r}"
-            for name, was, value in zip(names, before, now, strict=True)
+            for name, was, value in zip(names, before, *facts, strict=True)
             if was != value and name in HAPPENED
         ]
         recorded = [(case, *drive) for drive in self._read(DRIVES, (case,))]
@@ -194,7 +197,8 @@ class Store(FactsFile):
         return [json.loads(*row) for row in self._read(f"SELECT value FROM {_NOTES}")]  # noqa: S608
 
     def take_over(self, other: Path) -> None:
-        """Copy everything recorded in another run of the same format, in one transaction.
+        """Copy the cases of another run of the same format, the files that their ADSs have read,
+        and its notes on drives that are left out, in one transaction.
 
         other: its folder.
         """
@@ -364,8 +368,11 @@ def open_store(
     path = run / FACTS
     store = Store(path, create=create)
     try:
-        state = None if checked else state_of(path)
-        if state and (state not in checked_files or is_written(path)):
+        state = state_of(path)
+        # a file that is written may have changed although its state is the same
+        is_known = state in checked_files and not is_written(path)
+        if not (checked or is_known):
+            # a file that will be written is checked as a whole, too
             store.unchecked = not (whole or create) and _vouched(run) == state[1:]
             if not store.unchecked:
                 store.check()
@@ -375,7 +382,8 @@ def open_store(
         store.close()
 
 
-_FACTS = b"facts"  # key of the cache's part of kind `checked`: size and time of the facts file
+# key, among the cache's parts of kind `checked`, of size and time of the facts file
+_FACTS = b"facts"
 
 
 def vouch(run: Path, cache: KeptResults) -> None:
