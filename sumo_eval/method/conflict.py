@@ -26,6 +26,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from sumo_eval.kernels import Records, fields, kernel, rows
+from sumo_eval.method.checks import not_negative
 from sumo_eval.scenario import ConcreteScenario, LogicalScenario
 from sumo_eval.scenario.first_places import STANDARD_EGO
 from sumo_eval.scenario.motion import quintic, quintic_rate
@@ -102,7 +103,11 @@ def _encounters(logical: LogicalScenario, points: FloatArray, settings: ZoneSett
     assert search is not None
     size = ego_size(logical)
     placed = [logical.placed(logical.point(row)) for row in points.tolist()]
-    delays = [float(search.delay(it.values)) for it in placed]  # type: ignore[arg-type]
+    owner = f"the zone of scenario `{logical.name}`"
+    delays = [
+        float(not_negative(owner, "delay", search.delay(it.values)))  # type: ignore[arg-type]
+        for it in placed
+    ]
     if search.conflict:
         return conflict_criticality(placed, search.obstacle, delays, size, settings)
     longest = min(logical.time_limit or _LONGEST, _LONGEST)

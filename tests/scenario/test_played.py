@@ -18,6 +18,7 @@ from sumo_eval.scenario.file import check_points
 from sumo_eval.scenario.played import Act
 from sumo_eval.scenario.reachable import never_begin
 from sumo_eval.scenario.undisturbed import tracks
+from sumo_eval.settings import ZoneSettings
 
 BASE = tomllib.loads("""
 name = "t"
@@ -252,6 +253,14 @@ def test_zones_of_a_played_vehicle_are_those_of_the_closed_form_where_there_is_o
     a, b = (criticality(it, points, partition(it).settings).inverse for it in (plain, played))
     np.testing.assert_allclose(b[np.isfinite(a)], a[np.isfinite(a)], rtol=0.02, atol=1e-9)
     assert np.isinf(a).tolist() == np.isinf(b).tolist()
+
+
+def test_a_searched_zone_has_no_negative_delay():
+    """The ego would brake before the lead does anything."""
+    zone = {"obstacle": "lead", "delay": "v - 11"}
+    early = scene('do = "accelerate", begin = 2.0, speed = 0.0, acceleration = 5.0', zone=zone)
+    with refusal("`delay` of the zone of scenario `t` must be at least 0, got -1"):
+        criticality(early, np.array([[10.0], [30.0]]), ZoneSettings())
 
 
 def test_where_no_zone_can_be_defined_everything_is_safe():
