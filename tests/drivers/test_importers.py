@@ -431,6 +431,14 @@ def test_openacc_counts_what_it_leaves_out_behind_an_unknown_gap(tmp_path):
     assert sum(note.startswith("2 samples in a.csv are left out") for note in notes) == 1
 
 
+def test_a_table_of_this_project_names_what_it_does_not_have(tmp_path):
+    assert imported(tmp_path, plain_table()).notes == (
+        "table.csv has no classes: all are assumed to be cars.",
+        "table.csv has no lanes: a width of 3.5 m is assumed.",
+    )
+    assert not imported(tmp_path, plain_table().assign(lane=0, **{"class": "car"})).notes
+
+
 @pytest.mark.parametrize("rate", [10, 20, 25])
 def test_a_lane_is_that_of_the_nearest_sample(tmp_path, rate):
     table = plain_table()

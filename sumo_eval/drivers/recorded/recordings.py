@@ -189,6 +189,13 @@ def read_csv(path: Path) -> Recordings:
     notes = unread("Column", table, COLUMNS, path)
     table, doubled = in_order(table)
     notes += doubled
+    assumed = {
+        "class": "classes: all are assumed to be cars",
+        "lane": f"lanes: a width of {STANDARD_LANE:g} m is assumed",
+    }
+    notes += [
+        f"{path.name} has no {words}." for name, words in assumed.items() if name not in table
+    ]
     add_motion(table, ("heading", "speed", "acceleration"), str(path))
     if "lane" not in table:
         table["lane"] = np.round(table["y"] / STANDARD_LANE).astype(np.int64)
