@@ -16,11 +16,11 @@ from tables import rows_of, values_of
 
 from sumo_eval.errors import StoppedError
 from sumo_eval.extras.studies.boundary import find_boundary, slice_of
-from sumo_eval.extras.studies.boundary_page import edge_panels, summary, write_boundary
+from sumo_eval.extras.studies.boundary_page import edge_panels, sentences, summary, write_boundary
 from sumo_eval.extras.studies.trials import KEPT, trials_in
 from sumo_eval.method.criticality import required_gap
 from sumo_eval.record.cases import Setup
-from sumo_eval.scenario import catalogue
+from sumo_eval.scenario import Constraint, catalogue
 from sumo_eval.scenario.sampling.samples import sample
 from sumo_eval.settings import RunSettings, SimulationSettings
 
@@ -115,6 +115,21 @@ def test_rounds_with_few_answers_settle_nothing():
     assert result.not_evaluated["ads_error"] > 45
     assert result.stopped == "budget"
     assert {it.expected_change for it in result.rounds} == {1.0}
+
+
+def test_slice_that_never_occurs_has_no_share_of_exposure(tmp_path):
+    never = replace(CUT_OUT, exposure=lambda values: np.zeros(np.shape(values["gap"])))
+    logical = slice_of(never, {"ego_speed": 30.0, "obstacle_speed": 5.0})
+    result = find_boundary(logical, "stub", _Drives(), budget=32)
+    content = summary(result, {})
+    assert content["collision_share_of_exposure"] is None
+    assert "(an unknown share of the exposure)" in next(sentences(content))
+    write_boundary(result, content, tmp_path)
+    possible = Constraint("none", lambda values: np.zeros(np.shape(values["gap"]), bool))
+    nowhere = result._replace(logical=replace(logical, constraints=(possible,)))
+    content = summary(nowhere, {})
+    assert content["collision_share_of_space"] is None
+    assert "collides in an unknown share of the space" in next(sentences(content))
 
 
 def test_an_ads_that_never_answers_has_no_boundary(tmp_path):

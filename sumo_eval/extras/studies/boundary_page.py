@@ -49,6 +49,10 @@ def summary(boundary: FailureBoundary, held: Mapping[str, float]) -> Json:
     points = points[logical.feasible(points)]
     exposure = logical.exposures(points)
     collides = boundary.search.classify(points)
+    # None where no counted point is possible, or none occurs on the road
+    of_space = float(np.mean(collides)) if len(points) else None
+    occurring = exposure.sum()
+    of_exposure = float(exposure[collides].sum() / occurring) if occurring > 0.0 else None
     return {
         "scenario": logical.name,
         "ads": boundary.ads,
@@ -59,8 +63,8 @@ def summary(boundary: FailureBoundary, held: Mapping[str, float]) -> Json:
         **last._asdict(),  # simulations, collisions, expected_change, doubt
         "not_evaluated": boundary.not_evaluated,
         "stopped": boundary.stopped,
-        "collision_share_of_space": np.mean(collides),
-        "collision_share_of_exposure": exposure[collides].sum() / exposure.sum(),
+        "collision_share_of_space": of_space,
+        "collision_share_of_exposure": of_exposure,
         "rounds": [item._asdict() for item in boundary.rounds],
         "held": held,
     }
@@ -130,11 +134,13 @@ def chances_on(boundary: FailureBoundary, share: float) -> FloatArray:
 def sentences(content: Json) -> Iterator[str]:
     """The result of the search in words; content: its `summary`."""
     change = content["expected_change"]
+    of_space, of_exposure = (
+        "an unknown share" if share is None else f"{share:z.1%}"
+        for share in (content["collision_share_of_space"], content["collision_share_of_exposure"])
+    )
     yield (
-        f"{content['scenario']}: {content['ads']} collides in "
-        f"{content['collision_share_of_space']:z.1%} of the space "
-        f"({content['collision_share_of_exposure']:z.1%} of the exposure), from "
-        f"{content['simulations']} simulations."
+        f"{content['scenario']}: {content['ads']} collides in {of_space} of the space "
+        f"({of_exposure} of the exposure), from {content['simulations']} simulations."
     )
     ended = f"The search ended ({content['stopped']})."
     if content["stopped"] == "settled":
