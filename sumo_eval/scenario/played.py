@@ -247,8 +247,12 @@ def case_of(cast: Any, i: int) -> Any:
 
 @kernel
 def driven(play: Any, pieces: Any, time: float) -> Motion:
-    """Distance, m, speed, m/s, and acceleration, m/s2, along the line at a time."""
+    """Distance, m, speed, m/s, and acceleration, m/s2, along the line at a time; before `since` as
+    if the vehicle had kept its speed.
+    """
     s, v, rest = play.s, play.v, time - play.since  # rest: s that the pieces must still cover
+    if rest < 0.0:
+        return s + v * rest, v, 0.0
     for k in range(play.pieces):
         piece = pieces[k]
         d = min(rest, piece.duration)  # time in this piece, s
@@ -676,6 +680,10 @@ def begin_due(play: Any, acts: Any, pieces: Any, table: Any, time: float, step_e
                 chosen = q
         if chosen < 0:
             return begun
+        for q in range(play.acts):
+            # this move was found to begin only after a later one of this step: that begins again
+            if acts[q].state == BEGUN and acts[q].begin > acts[chosen].begin:
+                acts[q].state = KNOWN
         _begin(play, acts, chosen, pieces, table)
         begun = True
 
@@ -777,6 +785,9 @@ def wake(cast: Any, now: float, before: float) -> None:
 
     now, before: ends of the step, s.
     """
+    for j in range(len(cast.others)):  # first: the end of a path may begin another move
+        if cast.plays[j].model == 0:
+            _end_path(cast.plays[j], cast.acts[j], cast.pieces[j], cast.table[j], now, before)
     _find_begins(cast, now, before)
     for j in range(len(cast.others)):
         play = cast.plays[j]
@@ -784,7 +795,6 @@ def wake(cast: Any, now: float, before: float) -> None:
             continue
         acts, pieces, table = cast.acts[j], cast.pieces[j], cast.table[j]
         begun = begin_due(play, acts, pieces, table, now, True)
-        _end_path(play, acts, pieces, table, now, before)
         if play.match:
             _match(cast, j, now)
         if begun or play.match:

@@ -174,6 +174,25 @@ def test_a_move_begins_when_another_has_ended_and_a_delay_is_over():
     assert v[np.isclose(t, 3.0)] == pytest.approx(12.5)
 
 
+@pytest.mark.parametrize("step", [0.1, 0.05, 0.02])
+def test_law_a_move_begins_where_a_path_ends_whatever_the_step(step):
+    path = 'do = "path", name = "p", points = [[160.0, 0.0], [190.5, 0.0]]'
+    brakes = 'do = "brake", when = "ended(lead, p)", deceleration = 5.0'
+    _, x, _, _, _ = way(scene(path, brakes), step)
+    assert x[-1] == pytest.approx(190.5 + 20.0**2 / 10.0, abs=1e-9)
+
+
+@pytest.mark.parametrize("step", [0.1, 0.05, 0.02])
+def test_law_of_two_moves_the_later_replaces_the_earlier_whatever_the_step(step):
+    # braked from 2.02 s to 2.05 s to 19.85 m/s, then at 3 m/s2 to 25 m/s: 5.15 / 3 s
+    later = 'do = "accelerate", begin = 2.05, speed = 25.0, acceleration = 3.0'
+    earlier = 'do = "brake", when = "time > 2.02", deceleration = 5.0'
+    _, x, _, _, v = way(scene(later, earlier), step)
+    rising = 5.15 / 3.0
+    driven = 40.4 + 0.03 * 19.925 + rising * 22.425 + (10.0 - 2.05 - rising) * 25.0
+    assert (x[-1], v[-1]) == (pytest.approx(150.0 + driven, abs=1e-9), 25.0)
+
+
 @pytest.mark.parametrize(
     "change, sentence",
     [
