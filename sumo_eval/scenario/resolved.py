@@ -63,16 +63,16 @@ class Resolved:
 
 def find_with(vehicle: VehicleSettings, use: str, folder: Path) -> LogicalScenario:
     """A scenario by its name, file or locator (`catalogue.find`). Where it prescribes no body of
-    the ego, its gaps begin at the bumpers of this vehicle.
+    the ego, it has that of this vehicle: gaps begin at its bumpers, zones have its width.
     """
     logical = catalogue.find(use, folder)
-    length = vehicle.length
+    body = EgoBody(vehicle.length, vehicle.width)
     place = logical.place
     # any other function `place` than a scenario file's `Placement` decides on gaps itself
-    if logical.ego_body or length == STANDARD_EGO.length or not isinstance(place, Placement):
+    if logical.ego_body or body == STANDARD_EGO or not isinstance(place, Placement):
         return logical
-    ego = replace(place.ego, length=length, width=vehicle.width)
-    return replace(logical, ego_body=EgoBody(length, vehicle.width), place=replace(place, ego=ego))
+    ego = replace(place.ego, length=body.length, width=body.width)
+    return replace(logical, ego_body=body, place=replace(place, ego=ego))
 
 
 def refuse_doubles(names: Sequence[str]) -> None:

@@ -33,6 +33,7 @@ from sumo_eval.scenario import (
     lane_change,
     motion,
 )
+from sumo_eval.scenario.file import check_points
 from sumo_eval.scenario.resolved import find_with
 from sumo_eval.scenario.sampling.samples import sample
 from sumo_eval.settings import SimulationSettings, VehicleSettings
@@ -109,6 +110,20 @@ def test_the_gap_is_from_the_bumper_of_the_vehicle_settings():
     obstacle = case.actors[-1]
     assert case.simulation(SimulationSettings()).vehicle.length == 6.0
     assert obstacle.start.x - case.ego.x - 0.5 * (6.0 + obstacle.length) == pytest.approx(40.0)
+
+
+def test_a_start_is_checked_with_the_width_of_the_vehicle_settings(tmp_path):
+    # centres 2 m apart across the road: clear at widths 1.8 and 1.8 m, not at 2.5 and 1.8 m
+    (tmp_path / "beside.toml").write_text("""
+name = "beside"
+zone = "none"
+ego = { speed = "v" }
+parameter = [{ name = "v", unit = "m/s", low = 10.0, high = 30.0, step = 10.0 }]
+vehicle = [{ name = "other", speed = 5.0, x = 50.0, y = 2.0 }]
+""")
+    check_points(find_with(VehicleSettings(), "beside.toml", tmp_path), [[20.0]])
+    with refusal("`other` .* must be clear of `ego` at the start"):
+        check_points(find_with(VehicleSettings(width=2.5), "beside.toml", tmp_path), [[20.0]])
 
 
 @each
