@@ -7,9 +7,10 @@ Users: `scenario/file_tables.py`, `scenario/vehicle_tables.py`.
 """
 
 from collections.abc import Iterator
-from typing import Literal
+from typing import Annotated, Literal
 
 import numpy as np
+from annotated_types import Lt
 
 from sumo_eval.errors import check_vehicle_name, must_be
 from sumo_eval.frozen import frozen, required
@@ -42,7 +43,7 @@ class StreamTable(Checked):
     speed_spread: NotNegativeFloat = setting(
         0.0, "speeds are spread evenly, up to this far from the mean", "m/s"
     )
-    spacing_spread: NotNegativeFloat = setting(
+    spacing_spread: Annotated[NotNegativeFloat, Lt(1.0)] = setting(
         0.3, "distances are spread evenly around their mean, by up to this share of it"
     )
     seed: Natural = setting(0, "what speeds and distances are drawn from")

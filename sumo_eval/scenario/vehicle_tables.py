@@ -304,9 +304,9 @@ class ManoeuvreTable(Checked):
         if self.do == "speed_profile":
             knots = self.places or self.times
             if bool(self.places) == bool(self.times) or len(knots) != len(self.speeds):
-                wanted = "as many `times` (or `places`) as `speeds`"
                 raise InputError(
-                    f"{owner} must have {wanted}, got {len(knots)} and {len(self.speeds)}."
+                    f"{owner} must have as many `times`, or else `places`, as `speeds`, got "
+                    f"{len(self.times)} and {len(self.places)} for {len(self.speeds)}."
                 )
             for at, speed in zip(knots, self.speeds, strict=True):
                 yield (names.quantity(at, f"times or places of {what}"),

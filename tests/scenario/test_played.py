@@ -218,6 +218,7 @@ do = "accelerate" | must have `speed`
 do = "sinus" | must have `acceleration`
 do = "sinus", deceleration = 5.0, cycles = 0.5 | must be a multiple of 1
 do = "speed_profile", times = [1.0], speeds = [1.0, 2.0] | as many `times`
+do = "speed_profile", times = [1.0], places = [9.0], speeds = [1.0] | got 1 and 1 for 1
 do = "speed_profile", times = [2.0, 1.0], speeds = [1.0, 2.0] | ascending
 do = "path", points = [[10.0, 400.0]] | must be on the map
 do = "path", lanes = [7], places = [10.0] | within 0..1
@@ -255,6 +256,8 @@ def test_a_stream_is_the_same_every_time_and_denser_than_its_lane_is_refused():
     assert repr(one) == repr(two)
     assert len(one.actors) in range(7, 13)  # 300 m at 30 a km, give or take what is drawn
     assert {actor.name for actor in one.actors} >= {"s_1", "s_7"}
+    with refusal("spacing_spread` .* must be less than 1, got 1.0"):
+        scenario_of({**content, "stream": [table(f"{lane}, density = 30.0, spacing_spread = 1.0")]})
     with refusal("`density` of stream `s` must be at most 100 a km"):
         scenario_of({**content, "stream": [table(f"{lane}, density = 150.0")]}).concrete(v=20.0)
 

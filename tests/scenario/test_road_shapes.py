@@ -181,6 +181,8 @@ $road, lane = [{ lane = 0, end = 300.0, taper = 50.0, ramp_until = 120.0, ramp_f
 $road, lane = [{ lane = 0, end = 300.0, taper = 50.0, ramp_until = 120.0, rmp_until = 31.0 }] }
 | ramp_until
 $road, crossing = [{ x = 2000.0 }] } | must be within the road's 900 m
+$road, crossing = [{ x = 898.0 }] } | 3.5 to 896.5 m with its width, got 898.0
+$road, lane = [{ lane = 0, begin = 300.0, end = 280.0 }] } | got '250, 300, 280, 330 m'
 vehicle = [{ name = "other", speed = 20.0, x = 52.0, y = 0.5 }]
 | must be clear of `ego` at the start
 $road, line = [{ length = 500.0, radius = 9.0 }] }

@@ -218,7 +218,7 @@ def test_the_named_samples_are_the_euro_ncap_matrices(name, edition):
 
 def test_a_named_sample_has_no_levels_and_levels_mean_the_grid():
     logical = catalogue.load("ncap_ccrs")
-    with refusal("Sample `ncap_2023` of scenario `ncap_ccrs` is a list"):
+    with refusal("Sample `ncap_2023` of scenario `ncap_ccrs` is a list: it takes no `levels`.$"):
         sample(logical, "ncap_2023", levels=2)
     with refusal(r"Unknown sampling method `ncap_2025`. Did you mean `ncap_202"):
         sample(logical, "ncap_2025")

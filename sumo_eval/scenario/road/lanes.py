@@ -147,12 +147,10 @@ def _span(table: LaneTable, length: float, owner: str) -> LaneSpan:
     first = 0.0 if table.begin is None else begin - opening
     last = length if table.end is None else end + closing
     if not (0.0 <= first < last <= length and begin < end):
-        raise must_be(
-            "`begin`, `end` and `taper`",
-            owner,
-            f"in order within 0..{length:g} m",
-            f"{first:g}..{last:g} m",
-        )
+        # where it begins to open, is open, begins to narrow and is gone
+        places = f"{first:g}, {max(begin, first):g}, {min(end, last):g}, {last:g} m"
+        must = f"in order within 0..{length:g} m"
+        raise must_be("`begin`, `end` and `taper`", owner, must, places)
     # an on-ramp must begin with the road, an exit ramp must continue to its end
     for key, possible, side in (
         ("ramp_until", table.begin is None, "begins with"),
@@ -189,7 +187,8 @@ def crossings_of(
         owner = f"[[road.crossing]] of {where}"
         half = 0.5 * table.width
         if not half <= table.x <= length - half:
-            raise must_be("`x`", owner, f"within the road's {length:g} m", table.x)
+            within = f"{half:g} to {length - half:g} m with its width"
+            raise must_be("`x`", owner, f"within the road's {length:g} m, {within}", table.x)
         # 1/m, at both edges and in the middle of the crossing road
         sharpest = float(np.abs(curvatures(line, [table.x - half, table.x, table.x + half])).max())
         if table.reach * sharpest > INNERMOST:

@@ -127,8 +127,8 @@ def _drawn(logical: LogicalScenario, method: str, request: Request) -> Drawn:
     if method in prescribed:
         if keys:
             raise InputError(
-                f"Sample `{method}` of scenario `{logical.name}` is a list: it has no levels or "
-                "steps."
+                f"Sample `{method}` of scenario `{logical.name}` is a list: it takes no "
+                f"{', '.join(f'`{key}`' for key in sorted(keys))}."
             )
         return Drawn(np.array(prescribed[method].points, float))
     choose, takes = _method(method, prescribed)
