@@ -406,19 +406,10 @@ class LogicalScenario:
         return holds
 
     def exposures(self, points: FloatArray) -> FloatArray:
-        """Exposure of each of the points (n, k); a user's function may give one number for all.
-
-        Raises InputError unless it is finite and at least 0 at each of them.
-        """
+        """Exposure of each of the points (n, k); a user's function may give one number for all."""
         with users_code(f"The exposure of scenario `{self.name}` failed", SumoEvalError):
-            given = np.asarray(self.exposure(self.columns(points)), float)
-            exposure = np.broadcast_to(given, len(points))
-        wrong = ~(np.isfinite(exposure) & (exposure >= 0.0))
-        for row in np.flatnonzero(wrong)[:1]:  # the error names the first
-            got = f"{exposure[row]:g} at {point_words(self.point(points[row]))}"
-            owner = f"scenario `{self.name}`"
-            raise must_be("The exposure", owner, "finite and at least 0 at every point", got)
-        return exposure
+            exposure = np.asarray(self.exposure(self.columns(points)), float)
+            return np.broadcast_to(exposure, len(points))
 
     def concrete(self, **values: float) -> ConcreteScenario:
         """The concrete scenario at a point.

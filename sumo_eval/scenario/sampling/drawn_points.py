@@ -110,8 +110,9 @@ def _drawn(
     points, density = _candidates(logical, _sobol(len(logical.names), number, stream))
     exposure = logical.exposures(points)
     attentions = np.asarray(attention(points))
-    # 0 where the density is 0
-    per_density = np.divide(exposure, density, out=np.zeros(len(points)), where=density > 0.0)
+    # 0 where the density is 0, and at an end of a range where both are infinite
+    has_density = (density > 0.0) & np.isfinite(density)
+    per_density = np.divide(exposure, density, out=np.zeros(len(points)), where=has_density)
     weight = attentions * per_density
     if not (np.all(np.isfinite(weight)) and weight.sum() > 0.0):
         must = "finite, and above 0 somewhere"
