@@ -1309,6 +1309,45 @@ def test_an_event_of_a_catalog_waits_for_one_without_effect(tmp_path):
     assert act.begin == 5.0
 
 
+NEXT_ACT = """</ManeuverGroup></Act><Act name="{}"><ManeuverGroup name="{}"><Actors><EntityRef
+entityRef="Other"/></Actors><Maneuver name="n">{}</Maneuver>"""
+
+
+@pytest.mark.parametrize(
+    "kind, name",
+    [("event", "a::g::m::e1"), ("event", "a2::g2::m::e1"), ("act", "a2")],
+)
+def test_a_manoeuvre_of_a_catalog_is_below_what_refers_to_it(tmp_path, kind, name):
+    """Two acts refer to it, and it does nothing at 4 s."""
+    lights = timed('<VisibilityAction graphics="true" sensors="true" traffic="true"/>', 4)
+    (tmp_path / "catalogs").mkdir()
+    (tmp_path / "catalogs" / "manoeuvres.xosc").write_text(
+        '<OpenSCENARIO><FileHeader revMajor="1" revMinor="3"/><Catalog name="manoeuvres">'
+        f'<Maneuver name="m">{lights}</Maneuver></Catalog></OpenSCENARIO>'
+    )
+    entry = '<CatalogReference catalogName="manoeuvres" entryName="m"/>'
+    last = timed(BRAKE, COMPLETE.replace('"event"', f'"{kind}"').format(name), n=2)
+    second = NEXT_ACT.format("a2", "g2", "").replace('<Maneuver name="n"></Maneuver>', entry)
+    acts = acts_of(
+        tmp_path,
+        ('<Maneuver name="m"></Maneuver>', entry + second + NEXT_ACT.format("b", "h", last)),
+    )
+    assert [act.begin for act in acts] == [4.0]
+
+
+def test_a_story_runs_until_its_last_act_ends(tmp_path):
+    """A brake from 15 to 10 m/s by 5 m/s2 at 1 s; the next story brakes to rest after it."""
+    then = timed(BRAKE, COMPLETE.replace('"event"', '"story"').format("s"), n=2)
+    second = NEXT_ACT.format("b", "h", then).replace("</ManeuverGroup></Act>", '<Story name="t">')
+    second += "</ManeuverGroup></Act></Story>"
+    acts = acts_of(
+        tmp_path,
+        ("</Act></Story>", "</Act></Story>" + second),
+        events=timed(BRAKE.replace('"0"', '"10"'), 1),
+    )
+    assert [act.begin for act in acts] == [1.0, 2.0]
+
+
 @pytest.mark.parametrize(
     "kind, name", [("event", "e"), ("maneuver", "m"), ("maneuverGroup", "g"), ("act", "a")]
 )

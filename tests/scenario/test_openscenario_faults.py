@@ -175,6 +175,14 @@ def test_events_that_would_be_played_wrongly_are_refused(tmp_path, sentence):
 
 
 EVENTS |= {
+    r"<Event>: deleting an entity during the drive is not supported": (
+        speed_change(1, 0.0, 5.0, 2.0)
+        + after("e1").replace(
+            f"<PrivateAction>{BRAKE}</PrivateAction>",
+            '<GlobalAction><EntityAction entityRef="Other"><DeleteEntityAction/></EntityAction>'
+            "</GlobalAction>",
+        )
+    ),
     r"<StoryboardElementStateCondition>: 2 elements are called event `e1`: a path such as": (
         speed_change(1, 0.0, 5.0, 2.0) + speed_change(1, 4.0, 9.0, 2.0) + after("e1")
     ),

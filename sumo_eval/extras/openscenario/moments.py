@@ -13,7 +13,6 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
 
 from sumo_eval.extras.openscenario.drive_numbers import operation, truth_of
 from sumo_eval.extras.openscenario.frame import Frame
@@ -146,10 +145,13 @@ class Conditions:
         actor.acts.append(Act(COSINE, delay, AT_ONCE, program=program))
         return actor.ended()
 
-    def note(self, element: Node, span: Span) -> Span:
-        """Note when an element of the storyboard runs, for conditions further down in the file."""
-        above: Any = element.element.xpath("ancestor::*/@name[. != '']")
-        path = "::".join((*above, element.attribute("name")))
+    def note(self, element: Node, above: Sequence[str], span: Span) -> Span:
+        """Note when an element of the storyboard runs, for conditions further down in the file.
+
+        above: names of the elements around it, the outermost first. Those of a catalog's entry are
+            not in its file; "" for an element without a name.
+        """
+        path = "::".join((*filter(None, above), element.attribute("name")))
         self.spans.append((element.tag.lower(), path, span))
         return span
 

@@ -29,7 +29,7 @@ from sumo_eval.extras.openscenario.network import read_network
 from sumo_eval.extras.openscenario.places import Entity, Places, entity_of
 from sumo_eval.extras.openscenario.reading import Node, read_openscenario
 from sumo_eval.extras.openscenario.starts import Starts
-from sumo_eval.extras.openscenario.story import Story, acts_of, awaited_names, delete_at_once
+from sumo_eval.extras.openscenario.story import Story, awaited_names, delete_at_once
 from sumo_eval.extras.openscenario.values import Value
 from sumo_eval.scenario.concrete import Actor, ConcreteScenario, EgoBody, Start, keeps_on
 from sumo_eval.scenario.first_places import STANDARD_EGO
@@ -146,8 +146,8 @@ def _scene(root: Node, given: Mapping[str, Value], options: FileOptions) -> File
     for element, entity in starts.begun + starts.distances:
         begin_action(traffic, element, entity, Moment(0.0))
     reader = Story(traffic, conditions, awaited, limit)
-    for act in acts_of(story):
-        reader.read_act(act)
+    for part in story.all("Story"):
+        reader.read_story(part)
     # 5. names that SUMO accepts; `ego` is that of the ADS
     names = distinct((re.sub(r"[^\w.-]", "_", it.name) for it in actors), "ego")
     named = dict(zip(names, actors, strict=True))

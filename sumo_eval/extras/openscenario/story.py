@@ -3,7 +3,7 @@
 Users: `extras/openscenario/scene.py`.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from typing import Any, NamedTuple
 
@@ -61,12 +61,16 @@ def delete_at_once(storyboard: Node, conditions: Conditions) -> None:
             deleted = event.all("Action/GlobalAction/EntityAction[DeleteEntityAction]")
             if not deleted:
                 continue
+            fault = event.fault("deleting an entity during the drive is not supported")
+            # no element has been noted yet whose state could be known
+            if any(it.find("StartTrigger//StoryboardElementStateCondition") for it in (act, event)):
+                raise fault
             begin = conditions.moment(act, Moment(0.0))
             begin = conditions.moment(event, begin)
             if begin.time == NEVER:
                 continue
             if begin.time > 0.0 or not begin.known:
-                raise event.fault("deleting an entity during the drive is not supported")
+                raise fault
             for part in deleted:
                 conditions.places.referred(part).deleted = True
 
@@ -85,23 +89,38 @@ class Story(NamedTuple):
     awaited: set[str]
     limit: float
 
-    def read_act(self, act: Node) -> None:
-        """Make moves of an act's events, and let its <StopTrigger> stop them."""
+    def read_story(self, story: Node) -> None:
+        """Make moves of a <Story>, which runs from the start until its last act ends."""
+        name = story.get("name", "")  # it may have none
+        span = Span(Moment(0.0), NEVER)
+        if name:
+            self.conditions.note(story, (), span)
+        acts = [self._act(it, name) for it in story.within().all("Act")]
+        over_acts = Span.over(span.begin, acts)
+        span.end, span.ended = over_acts.end, over_acts.ended
+
+    def _act(self, act: Node, story: str) -> Span:
+        """Make moves of an act's events, and let its <StopTrigger> stop them; return when it runs.
+
+        story: its name.
+        """
         begin = self.conditions.moment(act, Moment(0.0))
         # conditions in the act may ask whether it runs: it is noted before its end is known
         first = len(self.conditions.spans)
-        span = self.conditions.note(act, Span(begin, NEVER))
+        span = self.conditions.note(act, (story,), Span(begin, NEVER))
         before = [len(entity.acts) for entity in self.traffic.actors]
-        over_groups = Span.over(begin, [self._group(it, begin) for it in act.all("ManeuverGroup")])
+        above = story, act.attribute("name")
+        groups = [self._group(it, above, begin) for it in act.all("ManeuverGroup")]
+        over_groups = Span.over(begin, groups)
         span.end, span.ended = over_groups.end, over_groups.ended
         stop = act.find("StopTrigger[ConditionGroup]")
         if not stop:
-            return
+            return span
         if before == [
             len(entity.acts) for entity in self.traffic.actors
         ]:  # it has no moves to stop
             self.traffic.places.ignored["StopTrigger"] = None
-            return
+            return span
         at = self.conditions.moment(act, Moment(0.0), stop.tag)
         if not at.known:
             has_held = self._stopped(stop, at, before)
@@ -109,6 +128,7 @@ class Story(NamedTuple):
                 inside.end_by(has_held)
         elif at.time < min(span.end, self.limit):
             raise stop.fault("an act that a time stops while an actor moves in it is not supported")
+        return span
 
     def _stopped(self, stop: Node, at: Moment, before: list[int]) -> Program:
         """Let a condition stop an act: further moves do not begin, speeds stay as they are.
@@ -137,8 +157,8 @@ class Story(NamedTuple):
                 acts.append(Act(KEEP, program=at.program))
         return has_held
 
-    def _group(self, group: Node, begin: Moment) -> Span:
-        """Make moves of a <ManeuverGroup>; return when it runs."""
+    def _group(self, group: Node, above: Sequence[str], begin: Moment) -> Span:
+        """Make moves of a <ManeuverGroup>; return when it runs. above: as of `Conditions.note`."""
         if group.number("maximumExecutionCount", 1.0) != 1.0:
             raise group.fault("a group of manoeuvres must run once")
         actors = group.child("Actors")
@@ -148,19 +168,24 @@ class Story(NamedTuple):
         parts = [self.traffic.places.catalogs.entry(part) for part in group.all("CatalogReference")]
         self.awaited.update(*map(awaited_names, parts))
         parts += [part.within() for part in group.all("Maneuver")]
-        spans = [self._maneuver(part, names, begin) for part in parts]
-        return self.conditions.note(group, Span.over(begin, spans))
+        around = *above, group.attribute("name")
+        spans = [self._maneuver(part, around, names, begin) for part in parts]
+        return self.conditions.note(group, above, Span.over(begin, spans))
 
-    def _maneuver(self, maneuver: Node, names: list[str], begin: Moment) -> Span:
+    def _maneuver(
+        self, maneuver: Node, above: Sequence[str], names: list[str], begin: Moment
+    ) -> Span:
         """Make moves of a <Maneuver>; return when it runs. names: of its group's entities."""
         running: list[tuple[Node, Span]] = []
+        around = *above, maneuver.attribute("name")
         for event in maneuver.all("Event"):
-            span = self._event(event, names, begin)
+            span = self._event(event, around, names, begin)
             for other, earlier in running:
                 self._check_priority(event, span, other, earlier)
                 self._check_priority(other, earlier, event, span)
             running.append((event, span))
-        return self.conditions.note(maneuver, Span.over(begin, [span for _, span in running]))
+        spans = [span for _, span in running]
+        return self.conditions.note(maneuver, above, Span.over(begin, spans))
 
     def _check_priority(self, event: Node, span: Span, other: Node, running: Span) -> None:
         """Refuse an event whose priority would end a running move of its manoeuvre, or would leave
@@ -187,7 +212,7 @@ class Story(NamedTuple):
                 f"event `{other.attribute('name')}` runs, which is not supported"
             )
 
-    def _event(self, event: Node, names: list[str], begin: Moment) -> Span:
+    def _event(self, event: Node, above: Sequence[str], names: list[str], begin: Moment) -> Span:
         """Make moves of an event's actions; return when it runs.
 
         An event counts as done at `begin`, and its own trigger is not read, if none of its actions
@@ -196,7 +221,8 @@ class Story(NamedTuple):
         event.one_of("priority", ("overwrite", "override", "parallel", "skip"))
         actions = [(action, action.only_child()) for action in event.all("Action")]
         idle = [self._idle(inner, names) for _, inner in actions]
-        awaited = self.awaited & _names_around(event.element)
+        around = *above, event.get("name", "")
+        awaited = self.awaited & {*around, *_names_around(event.element)}
         if all(idle) and not awaited:
             return Span(begin, begin.time)
         begin = self.conditions.moment(event, begin)
@@ -218,8 +244,8 @@ class Story(NamedTuple):
                     if begin.time < NEVER
                 ]
                 span = Span.over(spans[0].begin, spans) if spans else Span(begin, NEVER)
-            parts.append(self.conditions.note(action, span))
-        span = self.conditions.note(event, Span.over(begin, parts))
+            parts.append(self.conditions.note(action, around, span))
+        span = self.conditions.note(event, above, Span.over(begin, parts))
         # an event that takes no time and begins by a condition: it ends as this condition holds
         if awaited and begin.program and span.end < NEVER and not span.ended:
             return replace(span, ended=self.conditions.latch(begin.program, begin.time))
