@@ -1403,6 +1403,11 @@ def test_a_written_scenario_reads_whatever_its_actor_is_called(tmp_path, name):
     assert other.name == f"other_{name}"
 
 
+def test_a_stop_may_be_at_the_largest_time(tmp_path):
+    logical = space_of(changed(tmp_path, ('value="30" rule="gr', 'value="1.7e308" rule="gr')))
+    assert logical.road.length == pytest.approx(1000.0 - 2.0 - 5.0)
+
+
 def test_stories_and_manoeuvres_have_parameters_of_their_own(tmp_path):
     """The story's `who` is whom the group moves, the manoeuvre's `far` replaces the story's; the
     act has begun."""

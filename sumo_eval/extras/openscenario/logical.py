@@ -504,7 +504,7 @@ def _road(frame: Frame, scenes: Scenes, time_limit: float) -> Road:
     if any(case.ego.speed == 0.0 for _, case in scenes):
         reach = frame.length
     room = frame.length - max(0.5 * case.ego_body.length for _, case in scenes) - _BEFORE_END
-    length = min(math.ceil(reach / _ROUND) * _ROUND, room)
+    length = min(math.ceil(min(reach, frame.length) / _ROUND) * _ROUND, room)
     if frame.line:
         check_line(frame.line, frame.lanes, frame.lane_width, f"the road {frame.name}")
     name = frame.name.replace("-", "minus_") + f"_to_{length:g}m"
