@@ -1408,6 +1408,16 @@ def test_a_stop_may_be_at_the_largest_time(tmp_path):
     assert logical.road.length == pytest.approx(1000.0 - 2.0 - 5.0)
 
 
+def test_who_only_remembers_a_condition_stands(tmp_path):
+    """In the left lane, beside the ego's path; its move by 0 m waits for an edge."""
+    stays = ACROSS.replace('"Ego"', '"Other"').replace("<LaneChangeAction>",
+        '<LaneChangeAction targetLaneOffset="0.25">')  # fmt: skip
+    events = CUT_IN.replace(ACROSS, stays).replace('rule="lessThan"', 'rule="greaterThan"')
+    path = changed(tmp_path, ('value="-5"', 'value="-20"'), events=events)
+    assert only_case(path).actors[0].acts
+    assert any("no actor moves or stands in the way" in it for it in space_of(path).notes)
+
+
 def test_stories_and_manoeuvres_have_parameters_of_their_own(tmp_path):
     """The story's `who` is whom the group moves, the manoeuvre's `far` replaces the story's; the
     act has begun."""

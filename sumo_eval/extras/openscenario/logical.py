@@ -43,7 +43,6 @@ from sumo_eval.scenario.logical import (
     Search,
     Values,
 )
-from sumo_eval.scenario.played import KEEP
 from sumo_eval.scenario.reachable import never_begin
 from sumo_eval.scenario.road.table import bend_name, check_line
 from sumo_eval.trajectory import BoolArray, FloatArray
@@ -514,7 +513,7 @@ def _road(frame: Frame, scenes: Scenes, time_limit: float) -> Road:
 
 def _moves(actor: Actor) -> bool:
     """Whether an actor drives at any time."""
-    return actor.start.speed > 0.0 or any(act.kind != KEEP for act in actor.acts)
+    return actor.start.speed > 0.0 or not all(map(changes_nothing, actor.acts))
 
 
 def _search(scenes: Scenes, road: Road) -> Search | str:
