@@ -1418,6 +1418,29 @@ def test_who_only_remembers_a_condition_stands(tmp_path):
     assert any("no actor moves or stands in the way" in it for it in space_of(path).notes)
 
 
+@pytest.mark.parametrize("kept, what", [
+    (KEPT.format("Third", "true", ""), "distance"),
+    (KEPT.format("Third", "true", '<DynamicConstraints maxAcceleration="3"/>'), "distance"),
+    ("""<LongitudinalAction><SpeedAction><SpeedActionDynamics dynamicsShape="step" value="0"
+    dynamicsDimension="time"/><SpeedActionTarget><RelativeTargetSpeed entityRef="Third" value="0"
+    speedTargetValueType="delta" continuous="true"/></SpeedActionTarget></SpeedAction>
+    </LongitudinalAction>""", "speed"),
+])  # fmt: skip
+def test_no_distance_or_speed_is_kept_to_an_oncoming_vehicle(tmp_path, kept, what):
+    """Both come towards the ego in the left lane: along the road their speeds are below 0."""
+    back = """<LanePosition roadId="0" laneId="1" s="{}"><Orientation type="relative"
+    h="3.14159265358979"/></LanePosition>"""
+    third = """<ScenarioObject name="Third"><CatalogReference catalogName="cars" entryName="car"/>
+    </ScenarioObject></Entities>"""
+    there = f"""<Private entityRef="Third"><PrivateAction><TeleportAction><Position>
+    {back.format(500)}</Position></TeleportAction></PrivateAction></Private></Actions></Init>"""
+    path = changed(tmp_path, (OTHER_PLACE, back.format(540)), ("</Entities>", third),
+        ("</Actions></Init>", there), events=timed(kept, 1))  # fmt: skip
+    sentence = f"must drive along the road as the ego does: `Other` keeps its {what} relative to"
+    with refusal(sentence):
+        read_file(path)
+
+
 def test_stories_and_manoeuvres_have_parameters_of_their_own(tmp_path):
     """The story's `who` is whom the group moves, the manoeuvre's `far` replaces the story's; the
     act has begun."""

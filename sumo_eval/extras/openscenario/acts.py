@@ -157,6 +157,16 @@ def match_vehicle(
 
     table: as in `played.PLAY` under `match`: three or five pairs.
     """
+    number, keeps_place = int(table[0][0]), table[1][1] > 0.0
+    other = traffic.ego if number == EGO else traffic.actors[number]
+    # `played` counts places, and the other's speed, along the road in the ego's direction
+    for it in (other, entity) if keeps_place else (other,):
+        if it.leaves_lane or math.cos(it.frame.heading) < 0.0:
+            what = "distance" if keeps_place else "speed"
+            raise it.element.fault(
+                f"it must drive along the road as the ego does: `{entity.name}` keeps its {what} "
+                f"relative to `{other.name}`"
+            )
     if traffic.frame.line and math.cos(entity.frame.heading) < 0.0:
         raise entity.element.fault(
             "a speed relative to another's is not supported of an oncoming vehicle on a curve"
