@@ -1441,6 +1441,13 @@ def test_no_distance_or_speed_is_kept_to_an_oncoming_vehicle(tmp_path, kept, wha
         read_file(path)
 
 
+def test_a_stop_by_two_times_is_the_later(tmp_path):
+    both = """<Condition name="f" delay="0" conditionEdge="none"><ByValueCondition>
+    <SimulationTimeCondition value="40" rule="greaterThan"/></ByValueCondition></Condition>
+    </ConditionGroup></StopTrigger>"""
+    assert space_of(changed(tmp_path, ("</ConditionGroup></StopTrigger>", both))).time_limit == 40.0
+
+
 def test_stories_and_manoeuvres_have_parameters_of_their_own(tmp_path):
     """The story's `who` is whom the group moves, the manoeuvre's `far` replaces the story's; the
     act has begun."""

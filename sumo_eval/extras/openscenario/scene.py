@@ -241,7 +241,7 @@ def _time_limit(story: Node, conditions: Conditions) -> float:
     ends = math.inf
     for group in story.all("StopTrigger/ConditionGroup"):
         by_time = group.all("Condition/ByValueCondition/SimulationTimeCondition")
-        if len(group.all("Condition")) != 1 or not by_time:
+        if len(group.all("Condition")) > len(by_time) or not by_time:
             conditions.places.ignored["StopTrigger"] = None
             continue
         stop = conditions.group(group).time
