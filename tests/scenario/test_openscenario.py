@@ -1448,6 +1448,15 @@ def test_a_stop_by_two_times_is_the_later(tmp_path):
     assert space_of(changed(tmp_path, ("</ConditionGroup></StopTrigger>", both))).time_limit == 40.0
 
 
+@pytest.mark.parametrize("when, plays", [(1, True), (10, False)])
+def test_a_distance_to_a_vehicle_that_passes_before_has_a_side(tmp_path, when, plays):
+    """The ego, 5 m/s faster, passes the other, 10 m ahead in the left lane, after 2 s."""
+    path = changed(tmp_path, ('ds="50"', 'ds="10"'),
+        events=timed(KEPT.format("Ego", "true", ""), when))  # fmt: skip
+    with nullcontext() if plays else refusal("`displacement` must say whether `Other` leads"):
+        read_file(path)
+
+
 def test_stories_and_manoeuvres_have_parameters_of_their_own(tmp_path):
     """The story's `who` is whom the group moves, the manoeuvre's `far` replaces the story's; the
     act has begun."""

@@ -293,6 +293,16 @@ def _keep_distance(traffic: FileTraffic, element: Node, entity: Entity, begin: M
         place_apart(traffic, element, entity)
         return Span(begin, begin.time)
     other, apart, gap = _apart(traffic, element, entity)
+    driven = (
+        entity.pace - other.pace
+    ) * begin.time  # m by which it is further ahead when it begins
+    if element.text("displacement", "any") == "any" and (
+        (entity.frame.x + driven >= other.frame.x) != (entity.frame.x >= other.frame.x)
+    ):
+        raise element.fault(
+            f"its `displacement` must say whether `{entity.name}` leads, as it may pass "
+            f"`{other.name}` before"
+        )
     if other is not traffic.ego:  # the ego's speed during the drive is unknown
         entity.pace = other.pace
     # pairs of `played.PLAY` under `match`: (followed vehicle, factor), (speed added, kept: 1 a
