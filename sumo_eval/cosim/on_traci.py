@@ -227,7 +227,12 @@ class _Hook:
         self.motion.flags[_SETTLED] = bool(settled())
 
     def _held(self, time: float) -> tuple[Command | None, None]:
-        """The command between two calls, without a wall time; None: SUMO moves the ego."""
+        """The command between two calls, after the ADS's listeners, without a wall time; None: SUMO
+        moves the ego.
+        """
+        error = None if GUARD.shared else error_of(GUARD.call_listeners)
+        if error is not None:
+            self._blamed(error, f"at {time:.2f} s", time)
         return (self._obeyed(None, time) if self._executor.holds else None), None
 
     def _arriving(

@@ -169,11 +169,15 @@ def test_between_calls_a_plan_is_tracked_at_every_step(folder):
 
 
 def test_traci_code_is_asked_so_often_too_and_told_its_period():
-    asked, told = [], []
+    """Its listeners hear every step, as in TraCI."""
+    asked, told, heard = [], [], []
 
     class Mine:
         def reset(self, scenario, traci, ego):
             told.append(scenario.period)
+            listener = traci.StepListener()
+            listener.step = lambda _: heard.append(traci.simulation.getTime()) or True
+            traci.addStepListener(listener)
 
         def step(self, traci, ego, time):
             asked.append(round(time, 2))
@@ -182,6 +186,7 @@ def test_traci_code_is_asked_so_often_too_and_told_its_period():
     found = half_second(Mine, period=0.1)
     assert asked == [0.0, 0.1, 0.2, 0.3, 0.4]
     assert told == [0.1]
+    assert heard == pytest.approx([0.05 * step for step in range(1, 11)])
     assert (found.ego.acceleration[1:] == -1.0).all()
 
 
