@@ -14,6 +14,7 @@ users (docs/ads).
 Users: `cli/tools.py`, `cosim/`, `record/`, `extras/studies/qualification/`.
 """
 
+import functools
 import inspect
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -509,12 +510,11 @@ def adapted(target: Any, described: str, options: Mapping[str, Any]) -> Adapter:
         # read here too, where an error of the user's property becomes a message
         for name in ("batch", "settled", "vehicle_type"):
             getattr(target, name, None)
-        for name in ("reset", "act", "step", "close"):
-            if inspect.iscoroutinefunction(getattr(target, name, None)):
-                raise InputError(
-                    f"`{name}` of ADS `{described}` must not be `async`, as nothing awaits it: "
-                    "it may call `asyncio.run`."
-                )
+        if name := _async_method(type(target)):
+            raise InputError(
+                f"`{name}` of ADS `{described}` must not be `async`, as nothing awaits it: it may "
+                "call `asyncio.run`."
+            )
         adapter = _adapter_of(target)
     except InputError:
         raise
@@ -527,6 +527,13 @@ def adapted(target: Any, described: str, options: Mapping[str, Any]) -> Adapter:
         f"`step` method, got {type(target).__name__}. Or, without TraCI, a function (observation) "
         "or one with `act`."
     )
+
+
+@functools.lru_cache(maxsize=64)  # asked for every case
+def _async_method(kind: type) -> str:
+    """Name of a class's first method that is `async` although it is called, "" if none is."""
+    methods = ((name, getattr(kind, name, None)) for name in ("reset", "act", "step", "close"))
+    return next((name for name, it in methods if inspect.iscoroutinefunction(it)), "")
 
 
 def _adapter_of(target: Any) -> Adapter | None:
