@@ -290,6 +290,7 @@ def test_a_clients_own_subscriptions_are_its_own_to_make_and_to_end(tmp_path):
 OPENINGS = (
     "import traci\ntraci.start(['sumo', '-c', 'none.sumocfg', '--remote-port', '1'])",
     "import traci\ntraci.start(['sumo-gui', '-n', 'x.net.xml'], label='own')",
+    "import traci\ntraci.start(['sumo'], 8813, 60, 'own')\ntraci.switch('own')",
     "import sys, sumolib\nsys.path.insert(0, sumolib.__path__[0] + '/..')\nimport traci\n"
     "traci.init(8813)\ntraci.gui.setZoom('View #0', 500.0)",
     "import traci\ntraci.init(8813)",

@@ -35,7 +35,10 @@ def _say(words: str) -> None:
     print(f"sumo_eval: {words}", file=sys.stderr, flush=True)  # noqa: T201
 
 
-def start(cmd: Any = None, *arguments: Any, label: str = "default", **options: Any) -> Any:
+def start(
+    cmd: Any = None, port: Any = None, numRetries: Any = None, label: str = "default",  # noqa: N803
+    *others: Any, **options: Any,
+) -> Any:  # fmt: skip
     """Connect to the case, instead of starting a simulation by the script's own command."""
     _say("traci.start connects to the case; its own command is not run")
     return main.init(label=label)
