@@ -424,6 +424,10 @@ def test_a_plan_has_at_most_the_places_of_its_outputs(feedthroughs):
     "locator, sentence",
     [
         (TWO, "its start value (`inputs.*=start`: of all that are left)"),
+        (
+            f"{TWO}&inputs.whole_in=1&inputs.truth_in=1&inputs.text_in=firm",
+            "Input `lead_kind` of FMU `Feedthrough2.fmu` is a text; `inputs` must map it.",
+        ),
         (f"{TWO}&inputs.*=1", "`inputs.*` of FMU `Feedthrough2.fmu` must be `start`"),
         (
             f"{TWO}&inputs.whole_in=1.5",

@@ -153,11 +153,13 @@ class _Fmu:
         wired = list(self._wired(mapping, "inputs"))
         for name in inputs:
             if name not in mapping and rest is None:
+                is_text = self._variables[name].type in _TEXTS
+                why, known = ("is a text", ()) if is_text else ("is not a signal", self._signals)
                 raise InputError(
-                    f"Input `{name}` of FMU `{self.path.name}` is not a signal; `inputs` must "
-                    f"map it. A number is a constant, `{AS_IT_STARTS}` its start value "
-                    f"(`inputs.*={AS_IT_STARTS}`: of all that are "
-                    f"left).{did_you_mean(name, self._signals)}"
+                    f"Input `{name}` of FMU `{self.path.name}` {why}; `inputs` must map it. A "
+                    f"number is a constant, `{AS_IT_STARTS}` its start value "
+                    f"(`inputs.*={AS_IT_STARTS}`: of all that are left)."
+                    f"{did_you_mean(name, known)}"
                 )
         return wired
 
