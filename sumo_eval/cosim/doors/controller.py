@@ -497,6 +497,12 @@ def adapted(target: Any, described: str, options: Mapping[str, Any]) -> Adapter:
     try:
         if refusal := _foreign(target, described):
             raise InputError(refusal)
+        kind: Any = target if inspect.isclass(target) else type(target)
+        if name := _async_method(kind):
+            raise InputError(
+                f"`{name}` of ADS `{described}` must not be `async`, as nothing awaits it: it may "
+                "call `asyncio.run`."
+            )
         if inspect.isclass(target):
             target = made(target, options, described)
         elif options and isinstance(target, Adapter) and hasattr(target, "options"):  # a program
@@ -510,11 +516,6 @@ def adapted(target: Any, described: str, options: Mapping[str, Any]) -> Adapter:
         # read here too, where an error of the user's property becomes a message
         for name in ("batch", "settled", "vehicle_type"):
             getattr(target, name, None)
-        if name := _async_method(type(target)):
-            raise InputError(
-                f"`{name}` of ADS `{described}` must not be `async`, as nothing awaits it: it may "
-                "call `asyncio.run`."
-            )
         adapter = _adapter_of(target)
     except InputError:
         raise
