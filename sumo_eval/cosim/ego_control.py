@@ -173,7 +173,8 @@ def advance_plant(plant: FmuPlant, world: World, command: Command) -> None:
     if not (moved < FASTEST * world.settings.step and LOWEST_SPEED < state.speed < FASTEST):
         raise SimulationError(
             f"The vehicle model moved `{EGO}` {moved:g} m in the step after {world.time:.2f} s, "
-            f"to the speed {state.speed:g} m/s; no vehicle is faster than {FASTEST:g} m/s."
+            f"to the speed {state.speed:g} m/s; no vehicle drives at other speeds than "
+            f"{LOWEST_SPEED:g}..{FASTEST:g} m/s."
         )
     world.egos["next"][0] = tuple(state)
     world.egos["placed"][0] = PLANT

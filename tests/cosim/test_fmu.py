@@ -134,6 +134,19 @@ def test_a_vehicle_models_acceleration_may_need_a_step(fmus, monkeypatch):
     assert found.ego.acceleration[-1] == 0.5
 
 
+def test_a_vehicle_model_that_drives_backwards_is_a_sim_error(fmus, monkeypatch):
+    values = {4: 0.0, 5: 0.0, 6: 0.0, 7: 20.0}  # by reference: x, y, heading, speed
+    for name, call in (
+        ("getFloat64", lambda _, references: [values[references[0]]]),
+        ("doStep", lambda *_, **__: values.update({7: -5.0})),
+    ):
+        monkeypatch.setattr(f"fmpy.fmi3.FMU3Slave.{name}", call)
+    settings = replace(HALF_SECOND, plant=PlantSettings(file="Car.fmu"))
+    found = simulate(case(), lambda *_: Command(0.0), settings, folder=fmus)
+    words = "to the speed -5 m/s; no vehicle drives at other speeds than -1..1000 m/s."
+    assert_ended(found, "sim_error", words)
+
+
 def test_a_vehicle_model_starts_in_the_direction_of_the_case(fmus):
     settings = PlantSettings(file="Car.fmu", parameters={"v0": "speed"})
     plant = FmuPlant(settings, fmus)
