@@ -18,7 +18,7 @@ from sumo_eval.frozen import frozen
 from sumo_eval.method.zone_partition import refuse_impossible_zones
 from sumo_eval.record.cases import Case, Outcome, Role, Setup
 from sumo_eval.record.claims import NO_USER_CODE, affinity
-from sumo_eval.record.engines import refuse_engine, run_cases
+from sumo_eval.record.engines import refuse_engine, run_batches
 from sumo_eval.record.facts import compile_loops, in_rounds, planned
 from sumo_eval.record.recording import Planner, Space, find_stale, stages
 from sumo_eval.record.store import FACTS, RECORDED, open_store
@@ -253,10 +253,10 @@ def _timed_drives(cases: Sequence[Case], setup: Setup, until: float) -> _TimedDr
     """Drive cases, at least one, until a time."""
     began = perf_counter()
     outcomes: list[Outcome] = []
-    with closing(run_cases(cases, setup)) as ended:
-        for outcome in ended:
-            outcomes.append(outcome)
-            if perf_counter() >= until:
+    with closing(run_batches(cases, setup)) as batches:
+        for ended in batches:  # all drives that ended together count, also when the time is up
+            outcomes += ended
+            if outcomes and perf_counter() >= until:
                 break
     elapsed = perf_counter() - began
     recordings = [outcome.recording for outcome in outcomes if outcome.recording]

@@ -109,6 +109,13 @@ def test_drivers_that_fill_up_are_not_counted_and_reported(tmp_path, too_thin):
     assert (words in str(found)) == (too_thin == "fill")
 
 
+def test_drives_of_a_batch_count_although_the_time_is_up():
+    settings = replace(small(run=RunSettings(workers=1)), scenario=(FEW,))
+    plan, (space,) = facts.planned(Resolved.of(settings, HERE))
+    cases = list(plan.ads(space))
+    assert costs._timed_drives(cases, plan.setup, until=0.0).number == len(cases) > 1
+
+
 SLOW = """
 import time
 from sumo_eval import Command
