@@ -26,6 +26,8 @@ from sumo_eval.trajectory import BoolArray, FloatArray
 # lane widths; a wider gap between drivers who are neighbours in y makes two groups of them
 SPLIT_GAP = 0.5
 SPLIT_MEMBERS = 2  # fewest drivers of a group
+# least deviation of a field: summed as vectors, the field of a standing vehicle is 0 on its place
+LEAST_FIELD = 1e-100
 
 NoteKind = Literal[
     "manoeuvre_made_by",  # mixture mode: drivers who made the ADS's manoeuvre
@@ -154,7 +156,7 @@ def field_term(
     mean, deviation = spread(
         compared.fields[1:], everywhere, compared.choice, settings.pooled_drivers
     )
-    floor = settings.field_deviation_floor * mean
+    floor = np.maximum(settings.field_deviation_floor * mean, LEAST_FIELD)
     term = gaussian_similarity(compared.fields[0], mean, np.maximum(deviation, floor))
     return term, note_on(deviation < floor, "field_floor")
 

@@ -121,6 +121,15 @@ def test_identical_driving_scores_1(same, mode):
     assert made.centre_similarity == made.field_similarity == made.lowest == 1.0
 
 
+@pytest.mark.filterwarnings("error")
+def test_a_standing_drive_scores_1_among_its_like_when_fields_are_vectors():
+    stand = Trajectory([0.0], [20.0], [0.0])
+    settings = AnthropomorphicSettings(field=FieldSettings(superposition="vector"))
+    assert anthropomorphic_index(stand, [stand, stand], ROAD, settings).value == 1.0
+    moves = Trajectory([0.0, 1.0], [20.0, 30.0], [0.0, 0.0])
+    assert anthropomorphic_index(moves, [stand, stand], ROAD, settings).value < 1.0
+
+
 def test_no_pairings_are_an_empty_answer():
     assert module.indexes_by_group(humans(1), [[]], ROAD) == [[]]
 
