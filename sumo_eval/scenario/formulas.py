@@ -269,8 +269,9 @@ def _formula_keys(cls: Any) -> list[tuple[str, Limits]]:
     """The keys of a table's class that are formulas, with their limits."""
     keys = []
     for key, hint in hints_of(cls).items():
-        # `Annotated[base, *marks]`, or `base` alone; a formula is `str | float`, also `| None`
-        base, *marks = get_args(hint) if hasattr(hint, "__metadata__") else (hint,)
+        # `Annotated[base, *marks]`, or `base` alone
+        base, *marks = get_args(hint) if hasattr(hint, "__metadata__") else [hint]
+        # a formula is `str | float`, or `str | float | None`
         if {str, float} <= set(get_args(base)):
             keys.append((key, next((mark for mark in marks if isinstance(mark, Limits)), ANY)))
     return keys
