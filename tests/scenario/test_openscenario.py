@@ -1457,6 +1457,18 @@ def test_a_distance_to_a_vehicle_that_passes_before_has_a_side(tmp_path, when, p
         read_file(path)
 
 
+def test_a_time_that_held_counts_in_a_file_for_carla(tmp_path):
+    """As in CARLA's example FollowLeadingVehicle: a time equal to 0 and a way of the ego."""
+    at_once = """<Condition name="t" delay="0" conditionEdge="rising"><ByValueCondition>
+    <SimulationTimeCondition value="0" rule="equalTo"/></ByValueCondition></Condition>
+    </ConditionGroup>"""
+    events = CUT_IN.replace("</ConditionGroup>", at_once).replace('delay="0.5"', 'delay="0"')
+    carla = 'description="a test"', 'description="CARLA:a test"'
+    with refusal("together with a time until which it may hold"):
+        acts_of(tmp_path, events=events)
+    assert len(acts_of(tmp_path, carla, events=events)) == 1
+
+
 def test_stories_and_manoeuvres_have_parameters_of_their_own(tmp_path):
     """The story's `who` is whom the group moves, the manoeuvre's `far` replaces the story's; the
     act has begun."""

@@ -269,7 +269,9 @@ class Conditions:
     def _by_value(self, element: Node, edge: str) -> Moment:
         """The moment of a condition on a value; element: child of <ByValueCondition>."""
         if element.tag == "SimulationTimeCondition":
-            return _by_time(element, edge)
+            moment = _by_time(element, edge)
+            # in files for CARLA it is enough, as for scenario_runner, that it held once
+            return replace(moment, until=NEVER) if self.places.side < 0.0 else moment
         if edge == "falling":
             raise element.fault("the edge `falling` is not supported of it")
         if element.tag == "ParameterCondition":
