@@ -15,8 +15,15 @@ from refusals import refusal, refused
 from tables import rows_of, values_of
 
 from sumo_eval.errors import StoppedError
-from sumo_eval.extras.studies.boundary import find_boundary, slice_of
-from sumo_eval.extras.studies.boundary_page import edge_panels, sentences, summary, write_boundary
+from sumo_eval.extras.studies.boundary import FailureBoundary, Round, find_boundary, slice_of
+from sumo_eval.extras.studies.boundary_page import (
+    check_columns,
+    edge_panels,
+    sentences,
+    summary,
+    write_boundary,
+)
+from sumo_eval.extras.studies.straddle import BoundarySearch
 from sumo_eval.extras.studies.trials import KEPT, trials_in
 from sumo_eval.method.criticality import required_gap
 from sumo_eval.record.cases import Setup
@@ -222,6 +229,24 @@ def test_a_finished_study_is_not_written_over(tmp_path, resume):
         pass
 
 
+def test_files_have_each_column_once_and_each_value(tmp_path):
+    gap = CUT_OUT.parameters[-1]
+    chance = replace(CUT_OUT, parameters=(replace(gap, name="chance"),))
+    with refusal("must not be named `chance`"):
+        check_columns(chance)
+    narrow = replace(gap, low=1e9, high=1e9 + 5.0)
+    far = replace(CUT_OUT, parameters=(narrow,), constraints=())
+    search = BoundarySearch(far)
+    search.tell(search.ask(4), [False] * 4)
+    last = Round(4, 0, 1.0, 1.0)
+    result = FailureBoundary(far, "stub", search, (last,), {}, "no point left")
+    content = summary(result, {})
+    write_boundary(result, content, tmp_path)
+    lines = (tmp_path / "chances.csv").read_text().splitlines()
+    assert len({line.split(",")[0] for line in lines}) == 81
+    assert list(sentences(content))[1] == "The search ended (no point left)."
+
+
 @pytest.mark.parametrize(
     "arguments, sentence",
     rows_of(
@@ -230,7 +255,7 @@ def test_a_finished_study_is_not_written_over(tmp_path, resume):
 ["cut_inn", "idm"] | Did you mean `cut_in`?
 ["cut_in", "idm", "--fix", "ego_speed"] | --fix must have the form NAME=VALUE
 ["cut_in", "idm", "--fix", "ego_sped=3"] | Did you mean `ego_speed`?
-["cut_in", "idm", "--tolerance", "2"] | a share of the space
+["cut_in", "idm", "--tolerance", "1"] | a share of the space, at least 0 and below 1, got 1
 """,
         json.loads,
     ),

@@ -18,15 +18,17 @@ from sumo_eval.extras.studies.straddle import BoundarySearch
 from sumo_eval.extras.studies.trials import Trials
 from sumo_eval.scenario.logical import LogicalScenario
 
-FIRST = 16  # trials of the first round, times the number of parameters
-ROUND = 16  # trials of each later round
+# Trials of the first round for each parameter, and of each later round. A search that was stopped
+# asks again for the same rounds: with other numbers it could not resume.
+FIRST, ROUND = 16, 16
 
 
 class Round(NamedTuple):
-    """State of the search after a round of trials.
+    """State of the search after a round of trials. The names are keys of `boundary.json`.
 
     simulations, collisions: numbers so far.
-    expected_change, doubt: as in `BoundarySearch`.
+    expected_change: share of the space that the next round is expected to put in another class.
+    doubt: mean probability that a point is in the wrong class. 1 stands for unknown in both.
     """
 
     simulations: int
@@ -42,7 +44,7 @@ class FailureBoundary(NamedTuple):
     search: the evaluated trials, and the boundary learnt from them.
     rounds: state after each round.
     not_evaluated: number of trials that could not be evaluated, by status.
-    stopped: why the search ended: `settled`, `budget` or `no point left`.
+    stopped: why the search ended: `settled`, `budget` or `no point left`, as in `boundary.json`.
     """
 
     logical: LogicalScenario
@@ -67,13 +69,16 @@ def find_boundary(
 
     controller: locator of the ADS.
     budget: most simulations.
-    tolerance: share of the space, 0..1. The search ends once the next round is expected to move a
-        smaller share to the other side of the boundary.
+    tolerance: share of the space, at least 0 and below 1. The search ends once the next round is
+        expected to move a smaller share to the other side of the boundary.
     watch: receives the number of simulations done and the budget.
-    Raises InputError for an ADS that no trial could evaluate.
+
+    Raises InputError for another tolerance, a space that `BoundarySearch` refuses, and an ADS that
+    no trial could evaluate.
     """
     if not 0.0 <= tolerance < 1.0:
-        raise must_be("`tolerance`", "the search", "a share of the space within 0..1", tolerance)
+        allowed = "a share of the space, at least 0 and below 1"
+        raise must_be("`tolerance`", "the search", allowed, tolerance)
     search = BoundarySearch(logical, seed)
     rounds: list[Round] = []
     not_evaluated: Counter[str] = Counter()
@@ -87,7 +92,7 @@ def find_boundary(
             [
                 trial.status
                 for trial in trials.at(
-                    points, logical, ("ads", controller), first=done,
+                    points, logical, ("ads", controller), first=done,  # number of the first point
                     ended=lambda ended: watch(ended, budget)
                 )
             ]
@@ -128,6 +133,6 @@ def slice_of(logical: LogicalScenario, fixed: Mapping[str, float]) -> LogicalSce
         parameters=tuple(free.values()),
         fixed=(*logical.fixed, *fixed.items()),
         zone_coordinates=None,  # one of them may be constant on the slice
-        samples=(),
-        default_sample="grid",
+        samples=(),  # prescribed points have values of all parameters
+        default_sample="grid",  # the default may be one of these samples
     )

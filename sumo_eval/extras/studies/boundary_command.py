@@ -21,7 +21,7 @@ from sumo_eval.cli.sentences import say
 @click.argument("scenario")
 @click.argument("ads")
 @path_option("--out",
-              help="Folder for trials, summary and picture (default: "
+              help="Folder for trials, chances, summary and page (default: "
                    "results/SCENARIO-ADS-TIME).")  # fmt: skip
 @click.option(
     "--fix", multiple=True, metavar="NAME=VALUE", help="Hold a parameter fixed; may be repeated."
@@ -34,7 +34,8 @@ from sumo_eval.cli.sentences import say
     help="Most simulations.",
 )
 @click.option("--tolerance", type=float, default=0.001, show_default=True,
-              help="Stop if a smaller share of the space is expected to change sides.")  # fmt: skip
+              help="Stop once the next round is expected to move a smaller share of the space "
+                   "to the other side.")  # fmt: skip
 @SEED
 @count_option("--workers", default=2, show_default=True, help="Processes that simulate.")
 @RESUME
@@ -55,7 +56,12 @@ def boundary(
     evaluation file.
     """
     from sumo_eval.extras.studies.boundary import find_boundary, slice_of
-    from sumo_eval.extras.studies.boundary_page import sentences, summary, write_boundary
+    from sumo_eval.extras.studies.boundary_page import (
+        check_columns,
+        sentences,
+        summary,
+        write_boundary,
+    )
     from sumo_eval.extras.studies.trials import trials_in
     from sumo_eval.record.cases import Setup
     from sumo_eval.scenario.catalogue import find
@@ -64,8 +70,10 @@ def boundary(
 
     held = named_values(fix, "--fix")
     logical = slice_of(find(scenario, Path.cwd()), held)
+    check_columns(logical)
     setup = Setup(SimulationSettings(), RunSettings(workers=workers), Path.cwd())
     out = out or out_folder.default(scenario, ads)
+    # `study` names all that decides which points are driven: only the same study can be resumed
     with trials_in(
         out, setup, [ads], study=f"{scenario} {ads} {point_words(held)} seed={seed}", resume=resume
     ) as trials:

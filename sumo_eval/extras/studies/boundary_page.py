@@ -21,11 +21,13 @@ from pathlib import Path
 import numpy as np
 
 from sumo_eval.drivers.recorded.importers.tables import read_table
+from sumo_eval.errors import InputError
 from sumo_eval.extras.panels import COLOURS, Marks, Panel, on_page
 from sumo_eval.extras.studies.boundary import FailureBoundary
 from sumo_eval.input_file import taking_apart
 from sumo_eval.report.page import Json, write_csv, write_json
 from sumo_eval.report.study_page import Table, write_study
+from sumo_eval.scenario.logical import LogicalScenario
 from sumo_eval.scenario.sampling.drawn_points import evenly
 from sumo_eval.settings.random_streams import random_stream
 from sumo_eval.text import point_words
@@ -33,6 +35,7 @@ from sumo_eval.trajectory import FloatArray
 
 TRIALS, CHANCES = "trials.csv", "chances.csv"
 SUMMARY, PAGE = "boundary.json", "boundary.html"
+COLLIDED, CHANCE = "collided", "chance"  # columns after those of the parameters
 CELLS = 80  # on each axis of a map
 PANELS = 0.1, 0.3, 0.5, 0.7, 0.9  # shares of the third parameter's range, one map each
 SHARE_POINTS = 8_192  # evenly spread points with which shares of the space are measured
@@ -70,9 +73,19 @@ def summary(boundary: FailureBoundary, held: Mapping[str, float]) -> Json:
     }
 
 
+def check_columns(logical: LogicalScenario) -> None:
+    """Raise InputError for a parameter with the name of a further column of the files."""
+    for name in (COLLIDED, CHANCE):
+        if name in logical.names:
+            raise InputError(
+                f"A free parameter of scenario `{logical.name}` must not be named `{name}`, which "
+                "is a column of the results: hold it fixed, or rename it."
+            )
+
+
 def write_boundary(boundary: FailureBoundary, content: Json, folder: Path) -> tuple[Path, ...]:
-    """Write `trials.csv`, `boundary.json`, `boundary.html` and `chances.csv`; return their paths in
-    this order.
+    """Write the files of the search; return the paths of `trials.csv`, `boundary.json`,
+    `boundary.html` and `chances.csv`.
 
     content: its `summary`.
     """
@@ -80,15 +93,15 @@ def write_boundary(boundary: FailureBoundary, content: Json, folder: Path) -> tu
     trials = [
         [*row, int(hit)] for row, hit in zip(search.points.tolist(), search.outcomes, strict=True)
     ]
-    write_csv(folder / TRIALS, [*names, "collided"], trials)
+    write_csv(folder / TRIALS, [*names, COLLIDED], trials)
     # one map at each of these shares of the third parameter's range; without a third, one map
     shares = PANELS if len(names) > 2 else (0.5,)
     maps = np.concatenate([chances_on(boundary, share) for share in shares])
     chances = [
-        [*(f"{value:z.9g}" for value in point), "" if np.isnan(chance) else f"{chance:z.4g}"]
+        [*(f"{value:z.15g}" for value in point), "" if np.isnan(chance) else f"{chance:z.4g}"]
         for *point, chance in maps.tolist()
     ]  # an impossible point has an empty chance
-    write_csv(folder / CHANCES, [*names, "chance"], chances)
+    write_csv(folder / CHANCES, [*names, CHANCE], chances)
     write_json(folder / SUMMARY, content, "The boundary")
     # drawn from the files, which must be enough for `sumo-eval plot` to draw the maps again
     title, panels = edge_panels(folder)
@@ -98,9 +111,7 @@ def write_boundary(boundary: FailureBoundary, content: Json, folder: Path) -> tu
         title=title,
         sentences=[*sentences(content), "The line is where both outcomes are equally likely."],
         figures={title: on_page(panels, len(panels), 560)},  # in one row, 560 px high
-        data=Table(
-            [*names, "collided"], [[f"{value:g}" for value in row] for row in trials], TRIALS
-        ),
+        data=Table([*names, COLLIDED], [[f"{value:g}" for value in row] for row in trials], TRIALS),
         least_width=MAP_WIDTH * len(panels) if len(panels) > 1 else 300,  # px
     )
     return tuple(folder / name for name in (TRIALS, SUMMARY, PAGE, CHANCES))
@@ -145,6 +156,8 @@ def sentences(content: Json) -> Iterator[str]:
     ended = f"The search ended ({content['stopped']})."
     if content["stopped"] == "settled":
         yield f"The next round is expected to move {change:z.2%} of the space: settled."
+    elif content["stopped"] == "no point left":
+        yield ended
     elif change < 1.0:  # 1 stands for unknown
         yield f"{ended} A further round may move {change:z.2%} of the space."
     else:
@@ -155,7 +168,8 @@ def sentences(content: Json) -> Iterator[str]:
     if content["held"]:
         yield f"Held fixed: {point_words(content['held'])}."
     not_evaluated = content["not_evaluated"]
-    if content["collisions"] in (0, content["simulations"] - sum(not_evaluated.values())):
+    evaluated = content["simulations"] - sum(not_evaluated.values())
+    if content["collisions"] in (0, evaluated):
         yield "Every trial ended alike: these simulations could not find a boundary."
     for status, number in not_evaluated.items():
         yield f"Not evaluated: {number} ({status}). The search continued without them."
@@ -183,11 +197,12 @@ def edge_panels(folder: Path) -> tuple[str, list[Panel]]:
     tables = []
     for name in (CHANCES, TRIALS):
         with taking_apart(folder / name, fix):
-            tables.append(read_table(folder / name, ()).to_numpy(float))
+            # no column is required by name: only their number and order count
+            tables.append(read_table(folder / name, required=()).to_numpy(float))
             if tables[-1].shape[1] != k + 1:
                 raise ValueError(f"it must have {k + 1} columns")
     chances, trials = tables
-    # any table of trials can be drawn, so what fails is the grid of chances
+    # a fault from here on is one of the chances, whose points must form a grid: trials may be any
     with taking_apart(folder / CHANCES, fix):
         chances = chances[np.lexsort(chances[:, :k].T)]  # the first parameter varies fastest
         if k == 1:
@@ -196,7 +211,7 @@ def edge_panels(folder: Path) -> tuple[str, list[Panel]]:
             labels.append("")
             trials = np.insert(trials, 1, 0.0, axis=1)
             chances = np.vstack([np.insert(chances, 1, y, axis=1) for y in (-1.0, 1.0)])
-        # third parameter of the chances' points and of the trials; without it, all are equal
+        # values of the third parameter; without one all are 0, which makes one map
         third, third_of_trials = (
             rows[:, 2] if k > 2 else np.zeros(len(rows)) for rows in (chances, trials)
         )
