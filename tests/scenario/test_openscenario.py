@@ -1335,6 +1335,19 @@ def test_a_manoeuvre_of_a_catalog_is_below_what_refers_to_it(tmp_path, kind, nam
     assert [act.begin for act in acts] == [4.0]
 
 
+@pytest.mark.parametrize("delay", [0, 3])
+def test_a_time_that_stops_an_act_without_moves_is_refused(tmp_path, delay):
+    """Its only event does nothing, but a brake waits for it: it would have to begin at the stop."""
+    lights = '<VisibilityAction graphics="true" sensors="true" traffic="true"/>'
+    first = CUT_IN.replace(ACROSS, lights).replace('delay="0.5"', f'delay="{delay}"')
+    stop = timed("", 2)[timed("", 2).index("<StartTrigger>") :].replace("</Event>", "")
+    brake = timed(BRAKE, COMPLETE.format("e"), n=2)
+    act = f"</ManeuverGroup>{stop.replace('Start', 'Stop')}</Act><Act"
+    next_act = NEXT_ACT.format("b", "h", brake).replace("</ManeuverGroup></Act><Act", act)
+    with refusal("a time stops while a condition waits for what is in it is not supported"):
+        acts_of(tmp_path, ("</Maneuver>", "</Maneuver>" + next_act), events=first)
+
+
 def test_a_story_runs_until_its_last_act_ends(tmp_path):
     """A brake from 15 to 10 m/s by 5 m/s2 at 1 s; the next story brakes to rest after it."""
     then = timed(BRAKE, COMPLETE.replace('"event"', '"story"').format("s"), n=2)

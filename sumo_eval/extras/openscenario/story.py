@@ -127,7 +127,14 @@ class Story(NamedTuple):
             for _, _, inside in self.conditions.spans[first:]:  # the stop completes them, too
                 inside.end_by(has_held)
         elif at.time < min(span.end, self.limit):
-            raise stop.fault("an act that a time stops while an actor moves in it is not supported")
+            # else its acts are latches alone, of events that others wait for
+            moves = any(
+                not changes_nothing(it)
+                for entity, count in zip(self.traffic.actors, before, strict=True)
+                for it in entity.acts[count:]
+            )
+            why = "an actor moves in it" if moves else "a condition waits for what is in it"
+            raise stop.fault(f"an act that a time stops while {why} is not supported")
         return span
 
     def _stopped(self, stop: Node, at: Moment, before: list[int]) -> Program:
@@ -248,7 +255,8 @@ class Story(NamedTuple):
         span = self.conditions.note(event, above, Span.over(begin, parts))
         # an event that takes no time and begins by a condition: it ends as this condition holds
         if awaited and begin.program and span.end < NEVER and not span.ended:
-            return replace(span, ended=self.conditions.latch(begin.program, begin.time))
+            ended = self.conditions.latch(begin.program, begin.time)
+            return replace(span, end=NEVER, ended=ended)
         return span
 
     def _idle(self, action: Node, names: list[str]) -> bool:
