@@ -1482,6 +1482,16 @@ def test_a_time_that_held_counts_in_a_file_for_carla(tmp_path):
     assert len(acts_of(tmp_path, carla, events=events)) == 1
 
 
+@pytest.mark.parametrize("begin, plays", [(0, True), (2, False)])
+def test_a_target_beside_a_vehicle_that_has_moved_is_refused(tmp_path, begin, plays):
+    """After 2 s the ego, from which it counts, is 40 m further."""
+    place = '<RelativeLanePosition entityRef="Ego" dLane="{}" ds="200"/>'
+    meet = f"""<SynchronizeAction masterEntityRef="Ego"><TargetPositionMaster>{place.format(0)}
+    </TargetPositionMaster><TargetPosition>{place.format(1)}</TargetPosition></SynchronizeAction>"""
+    with nullcontext() if plays else refusal("a place beside an entity that has moved"):
+        read_file(changed(tmp_path, events=timed(meet, begin)))
+
+
 def test_stories_and_manoeuvres_have_parameters_of_their_own(tmp_path):
     """The story's `who` is whom the group moves, the manoeuvre's `far` replaces the story's; the
     act has begun."""

@@ -593,6 +593,11 @@ def _synchronize(traffic: FileTraffic, element: Node, entity: Entity, begin: Mom
         raise element.fault("its master must be the ego and move at the start")
     if any(act.kind in SPEEDS for act in entity.acts):
         raise element.fault(f"place or speed of `{entity.name}` when this begins is unknown")
+    for holder in element.child("TargetPositionMaster"), element.child("TargetPosition"):
+        place = holder.only_child()
+        beside = place.get("entityRef") is not None and traffic.places.referred(place)
+        if beside and begin.time > 0.0 and (beside.speed > 0.0 or beside.acts):
+            raise place.fault("a place beside an entity that has moved is not supported here")
     spot = traffic.places.spot
     distance = _ahead(traffic.frame, master, spot(element.child("TargetPositionMaster")))
     lasts = distance / master.speed - begin.time  # s until the master is at its place
