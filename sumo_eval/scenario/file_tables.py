@@ -511,6 +511,11 @@ class ScenarioFile(Checked):
         notes = [f"Not simulated: {', '.join(ignored)}."] if ignored else []
         if self.zone == "none":
             notes.append("It declares no zones, so every point counts as safe.")
+        elif self.ego.goal_lane is not None and self.zone.obstacle and not self.zone.conflict:
+            notes.append(
+                "Its zones take the ego to keep its first lane; with `zone.conflict = true` they "
+                "take it to change lanes."
+            )
         return LogicalScenario(
             name=self.name,
             about=self.about or self.name,

@@ -211,3 +211,12 @@ def test_a_shape_that_cannot_be_is_refused(changes, sentence):
 
     with refused(sentence):
         check_points(read(changes), [[20.0]])
+
+
+@pytest.mark.parametrize("conflict, notes", [("true", 0), ("false", 1)])
+def test_zones_of_an_ego_that_changes_lanes_say_which_path_they_take(conflict, notes):
+    logical = read(f"""
+zone = {{ obstacle = "other", conflict = {conflict} }}
+ego = {{ speed = "v", goal_lane = 1, change_from = 150.0 }}
+""")
+    assert len(logical.notes) == notes
