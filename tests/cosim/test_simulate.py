@@ -638,6 +638,20 @@ def test_commands_and_traci_may_take_turns():
     assert np.isnan(steering).tolist() == [False, False, True, True, False]
 
 
+def test_commands_within_a_lane_change_by_sumo_are_carried_out():
+    """At the middle of its lane change, 2.5 s after its begin, SUMO would end the process: the ego
+    is in the last lane already."""
+
+    def ads(traci, ego, time):
+        if 0.29 < time < 1.0:
+            return traci.vehicle.changeLane(ego, 1, 5.0) if time < 0.31 else None
+        return Command(1.0 if time > 1.0 else -1.0, 0.1 if time < 0.3 else 0.0)
+
+    found = simulate(case(), ads, SimulationSettings(time_limit=3.5))
+    assert_ended(found)
+    assert found.ego.y[-1] > 1.75
+
+
 def test_a_body_left_to_sumo_at_an_angle_snaps_to_the_lane_and_that_is_recorded():
     found = simulate(
         case(),
