@@ -332,6 +332,16 @@ def test_deletion_of_the_ego_is_refused(tmp_path, at_init):
     assert "<ScenarioObject>: it must not be deleted: the ADS drives it" in said(path)
 
 
+def test_activated_controller_marks_the_ego(tmp_path):
+    path = written(tmp_path)
+    path.write_text(path.read_text().replace('"Ego"', '"Hero"'))
+    begin = '<Private entityRef="Hero">'
+    change(path, begin, begin + "<PrivateAction><ActivateControllerAction/></PrivateAction>")
+    assert only_case(path).ego.speed == pytest.approx(20.0)
+    change(path, '<Private entityRef="Other">', '<Private entityRef="Old">')
+    assert "<Private>: entity `Old` is not among Hero, Other" in said(path)
+
+
 def test_two_lateral_moves_each_start_from_their_lane(tmp_path):
     """From lane 1 one lane to the right and one to the left again, each relative to itself: 0 m and
     then as it began, 0.25 m beside its lane's middle at the start.

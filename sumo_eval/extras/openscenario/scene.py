@@ -4,8 +4,8 @@
 
 Interpretations, where the standard leaves a choice or this package supports less:
 
-- The ego belongs to the ADS from the start: its controllers and actions during the drive are
-  ignored, its start is not.
+- The ego belongs to the ADS from the start: its controllers are ignored, an action that would move
+  it during the drive is refused, its start is read.
 - At the end of a trajectory an actor keeps straight on at its speed.
 
 Users: `extras/openscenario/logical.py`, `extras/openscenario/space.py`,
@@ -36,6 +36,7 @@ from sumo_eval.scenario.first_places import STANDARD_EGO
 from sumo_eval.scenario.played import BY_TIME, SPEED, Act
 
 EGO, EXPORTED_EGO = "Ego", "ego"
+CONTROLLER_ACTIONS = "ControllerAction", "ActivateControllerAction"
 LONGEST = 60.0  # s that a case lasts where no stop of the file is by time
 
 
@@ -58,7 +59,8 @@ class FileCase(NamedTuple):
     ego: where the ego starts.
     ends: time at which the case ends at the latest, s.
     ignored: kinds of elements without a meaning here.
-    elements: <ScenarioObject> of the ego, as `ego`, and of each actor by its name.
+    elements: <ScenarioObject> of the ego, as `ego`, and of each actor by its name; empty for a file
+        that `sumo-eval export` wrote.
     whole: the case that `sumo-eval export` wrote into the file; None in other files.
     """
 
@@ -117,19 +119,23 @@ def _scene(root: Node, given: Mapping[str, Value], options: FileOptions) -> File
     # 1. starts: places and speeds on the map
     starts = Starts(places, ego)
     starts.read(story.child("Init").child("Actions"))
+    # deleted in <Init>; step 3 marks those that the story deletes at 0 s
     for name, entity in list(entities.items()):
         if not entity.spot and entity.deleted and entity is not ego:
             del entities[name]
     # 2. the road, and all entities in its frame
     for entity in entities.values():
         road = entity.placed().road
-        places.ignored |= dict.fromkeys((*(road.left_out if road else ()), *entity.left_out))
+        of_road = road.left_out if road else ()
+        places.ignored |= dict.fromkeys((*of_road, *entity.left_out))
     frame = frame_of(ego, places.network, starts.turning, starts.route_end)
     for entity in entities.values():
         entity.on_map = entity is not ego and _on_map(entity, frame)
-        entity.frame = framed(entity, frame)
+        entity.frame = framed(entity, frame)  # its pose in the road's frame
     actors = list[Entity]()  # `traffic` and `conditions` share this list, which step 3 fills
     traffic, conditions = FileTraffic(places, frame, ego, actors), Conditions(places, frame, actors)
+    # A distance with limits is reached during the drive. One without is there at the start, which
+    # the conditions of step 3 need; step 4 reads both kinds as moves.
     for distance, entity in starts.distances:
         if not distance.find("DynamicConstraints"):
             place_apart(traffic, distance, entity)
@@ -141,7 +147,7 @@ def _scene(root: Node, given: Mapping[str, Value], options: FileOptions) -> File
     for number, entity in enumerate(actors):
         entity.number = number
     # 4. the story: stops, moves from the start on, acts in the order of the file
-    awaited = awaited_names(root) if actors else set()
+    awaited = awaited_names(root) if actors else set()  # without an actor there are no moves
     limit = _time_limit(story, conditions)
     for element, entity in starts.begun + starts.distances:
         begin_action(traffic, element, entity, Moment(0.0))
@@ -177,10 +183,8 @@ def _entities_of(root: Node, map_file: str | None) -> Places:
     # scenario_runner reads these files with CARLA's axes, in which y points to the right
     about = str(root.child("FileHeader").get("description"))
     side = -1.0 if about.startswith("CARLA:") else 1.0
-    return Places(
-        network, catalogs, entities, side,
-        dict.fromkeys(it.tag for it in root.all("RoadNetwork/TrafficSignals/*")),
-    )  # fmt: skip
+    ignored = dict.fromkeys(it.tag for it in root.all("RoadNetwork/TrafficSignals/*"))
+    return Places(network, catalogs, entities, side, ignored)
 
 
 def _map_of(root: Node, other: str | None) -> Path:
@@ -205,7 +209,9 @@ def _ego_of(root: Node, entities: Mapping[str, Entity], name: str | None) -> Ent
     """The entity that the ADS drives.
 
     name: by the user. None: it is the only one called `Ego` (in any case of letters), else the only
-        one with a controller, else the only one. Where several are possible, it is `Ego`.
+        one with a controller, else the only one. Of several called so, it is `Ego` itself.
+
+    Raises InputError where this names no entity.
     """
     if name is None:
         egos = [it for it in entities if it.lower() == EGO.lower()]
@@ -213,8 +219,8 @@ def _ego_of(root: Node, entities: Mapping[str, Entity], name: str | None) -> Ent
             it for it, entity in entities.items() if entity.element.find("ObjectController/*")
         }
         for part in root.all("Storyboard/Init/Actions/Private"):
-            if part.find("PrivateAction/ControllerAction"):
-                controlled.add(part.text("entityRef"))
+            if any(part.find(f"PrivateAction/{tag}") for tag in CONTROLLER_ACTIONS):
+                controlled |= {part.text("entityRef")} & entities.keys()
         candidates = egos or controlled or [*entities]
         name = candidates.pop() if len(candidates) == 1 else EGO
     if name not in entities:
@@ -227,7 +233,10 @@ def _ego_of(root: Node, entities: Mapping[str, Entity], name: str | None) -> Ent
 
 
 def _on_map(actor: Entity, frame: Frame) -> bool:
-    """Whether an actor's path is straight on the map, instead of along the curved road."""
+    """Whether an actor's path is straight on the map, instead of along the ego's road.
+
+    It is for every actor of an ego that turns, and off the ego's road where that road is curved.
+    """
     road = actor.placed().road
     elsewhere = not road or road.name != frame.road
     return frame.turns or (elsewhere and bool(frame.line))  # a line: the road is curved
@@ -273,19 +282,21 @@ def _actor(
     pose, spot = entity.frame, entity.placed()
     road = spot.road
     other = road if road and road.name != frame.road else None  # its road, if not the ego's
-    follows = spot.way and not entity.path and (entity.speed or entity.acts)
-    if other and other.bent and follows:
+    moves_along = spot.way != 0 and not entity.path and (entity.speed > 0.0 or bool(entity.acts))
+    if other and other.bent and moves_along:
         raise entity.element.fault("it must not drive along a curved road that is not the ego's")
     # on the ego's road, `scenario.file.leaving` reports an actor that leaves it
     if other and not entity.path and _fastest(entity) * limit > spot.room:
         ignored[f"the end of the road of `{entity.name}`"] = None
     heading = 0.0 if abs(pose.heading) < 1e-6 else pose.heading
     map_pose = frame.pose_on_map(entity) if entity.on_map else None
+    # metres over the ground for each metre along the line; on the map there is no line
     ground = 1.0 if map_pose else frame.ground(pose)
     acts = [_along_line(act, ground) for act in entity.acts]
     width = frame.lane_width
     on_lanes = -0.5 * width <= pose.y <= width * (frame.lanes - 0.5)
-    # off the lanes, at an angle or on the map, its script must move it instead of SUMO
+    # Off the lanes, at an angle or on the map, its script must move it instead of SUMO. An act that
+    # is not timed makes it so already (`Actor.lively`).
     by_sumo = not map_pose and heading == 0.0 and on_lanes
     if not by_sumo and all(act.timed for act in acts):
         acts.append(keeps_on(acts))

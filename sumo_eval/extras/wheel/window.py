@@ -40,11 +40,12 @@ except ImportError:
     raise needs_extra("Driving in the browser", "drive") from None
 
 LOOPBACK = "127.0.0.1"
-# s in which a peer must send its request and then its token; browsers also open connections that
-# they may never use
+# s in which a peer must send its request, and then its token in as many: browsers also open
+# connections that they never use
 SILENT = 2.0
 COUNTDOWN = 3.0  # s
 # Codes that close a window: a wrong message, an unknown token, another window, too many messages.
+# `templates/drive.js` knows them, the keys of all messages, and the words of the views.
 WRONG, UNKNOWN = 4400, 4401
 TAKEN, FLOODED = 4409, 4429
 BROKEN = {
@@ -54,7 +55,8 @@ BROKEN = {
 }
 """Code with which the library websockets closes a window by itself -> what the message is."""
 MOST_ANSWERS = 8  # that wait; the page sends one answer for a view
-MOST_TELLINGS = 10_000  # in one drive; the page sends one `Telling` a second
+# messages with figures (`Telling`) in one drive; the page sends one a second
+MOST_TELLINGS = 10_000
 LAST_FIGURES = 1.0  # s for which the end of a drive waits for the page's last figures
 
 
@@ -181,8 +183,8 @@ class Window:
 
     async def _listen(self, peer: ServerConnection) -> None:
         """Take messages until the peer closes, or is closed for a wrong one or too many."""
-        # The number of messages that may come at once. It grows by MOST_A_SECOND a second, up to
-        # this number.
+        # Messages that may come now: each takes one, each second gives MOST_A_SECOND, which is also
+        # the most.
         allowance = float(MOST_A_SECOND)
         before = clock.monotonic()
         async for text in peer:
@@ -208,7 +210,9 @@ class Window:
         self._desk.end(sentence)
 
     def _take(self, message: Json) -> None:
-        """Act on a message; between drives only answers have an effect."""
+        """Act on a message. Between drives only answers have an effect: a new drive begins with a
+        new desk and no tellings.
+        """
         ((kind, value),) = message.items()  # a message has exactly one key
         desk = self._desk
         match kind:
@@ -298,6 +302,7 @@ class Window:
         seat = Seat(self._desk, settings.vehicle, settings.step, writer, post)
         drive = asyncio.create_task(asyncio.to_thread(simulate, concrete, seat, settings))
         try:
+            # a drive that the seat ended has the end reason `quit`
             recording = with_quit(await asyncio.shield(drive), seat.left)
         # Ctrl-C cancels this task, but not the thread that drives; it must end before this task
         except asyncio.CancelledError:
