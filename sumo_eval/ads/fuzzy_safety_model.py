@@ -5,6 +5,8 @@ Two surrogate safety metrics between 0 (safe) and 1 (unsafe) set the braking: PF
 safety) supposes that the lead may brake hard, CFS (critical fuzzy safety) that both continue as
 they are. Source: the regulation, and Mattas et al., Accid. Anal. Prev. 148, 105794 (2020);
 constants as in the JRC's implementation. docs/baselines.md lists the readings.
+
+Users: `cosim/doors/controller.py`, by its locator.
 """
 
 from dataclasses import dataclass
@@ -47,6 +49,7 @@ def proactive_fuzzy_safety(gap: float, speed: float, other_speed: float) -> floa
 
     d_safe = u tau + u^2 / (2 bc) - w^2 / (2 bo) + d1
     d_unsafe = u tau + u^2 / (2 bm) - w^2 / (2 bo)
+    As printed, d1 counts twice in the upper limit, and once in the lower one.
 
     gap: d, m.
     speed: u, other_speed: w, m/s.
@@ -140,9 +143,9 @@ class FuzzySafetyModel(Compiled):
     """ADS `fsm`: brakes as PFS and CFS demand, `REACTION` s after they first do; otherwise it
     keeps its speed.
 
-    standstill_gap: subtracted from the gap in CFS, m. Without it the formulas, followed in
-        continuous time, bring the ego to rest exactly against the other vehicle, which is a contact
-        at 0 m/s. Any 1 to 10 cm give the same outcomes.
+    standstill_gap: subtracted from the gap in CFS, m. Without it, braking as CFS demands brings the
+        ego to rest exactly against the other vehicle, which is a contact at 0 m/s. PFS has the
+        margin d1 already.
     as_coded: CFS as the JRC's program has it (`critical_fuzzy_safety`), not as it is printed.
     """
 

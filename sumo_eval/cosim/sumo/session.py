@@ -4,7 +4,8 @@ libsumo accepts a second `start` silently, delays insertions, and reports a bad 
 "Process Error". So this file refuses a second session, checks that SUMO shows the requested start,
 and quotes SUMO's own log.
 
-Users: `cosim/` opens sessions, for cases and for the gym, and its stages check starts;
+Users: `cosim/` opens sessions, for cases and for the gym; its stages check starts, and later
+places in curves within `bend_tolerance`;
 `cosim/doors/traci_program.py` and `extras/bench/costs.py` start SUMO by its command line.
 """
 
@@ -39,8 +40,8 @@ from sumo_eval.settings import SimulationSettings
 
 _EgoType = Mapping[str, str] | None  # attributes of the ego's vType, as of `routes_xml`
 POSITION_TOLERANCE = 1e-3  # m
-# m, in a curve, which SUMO draws as chords: a bound with room, as they are within some mm of the
-# curve (`sumo_files._segment`)
+# m, as `POSITION_TOLERANCE` in a curve. SUMO draws it as chords, which are within some mm of the
+# curve (`sumo_files._segment`): a vehicle that is farther off is misplaced.
 CHORD_TOLERANCE = 0.05
 SPEED_TOLERANCE = 1e-3  # m/s
 NOWHERE = -1e6  # m; SUMO shows a vehicle that is on no lane at an x far below this value
@@ -231,7 +232,8 @@ def bend_tolerance(road: Road, y: Any) -> Any:
 
     SUMO puts the vehicle on the normal of a chord of the line. The chord's normal is turned from
     the curve's normal by at most half a segment over the radius, rad. At |y| this adds the angle
-    times |y| to the chord's own distance, for which half of `CHORD_TOLERANCE` is allowed.
+    times |y| to the chord's own distance, some mm, for which half of `CHORD_TOLERANCE` is ample.
+    Near the line, where the sum is smaller than that, the whole `CHORD_TOLERANCE` is allowed.
 
     y: of the vehicle, across the road's line, m.
     """
@@ -247,13 +249,15 @@ def check_start(
     *,
     by_map: bool = True,
 ) -> None:
-    """Raise SimulationError unless SUMO shows every vehicle at its start with its first speed.
+    """Raise SimulationError unless SUMO shows every vehicle as it was to be inserted.
 
-    SUMO may move a vehicle or delay its insertion.
+    SUMO may move a vehicle or delay its insertion. The place and speed of insertion are those of
+    the start, except for an actor with a place on the map, which must only be there, and for one
+    that SUMO's model drives: its speed is its `departure_speed`.
 
     names: of the vehicles in SUMO, the ego's first; None: as in the scenario.
-    by_map: whether to compare places on the map on every curved road. Else, if SUMO drives vehicles
-        on it, places along their lanes are compared.
+    by_map: whether vehicles on a curved road are always compared on the map. Else this holds where
+        SUMO's models drive no actor, and places along the lanes are compared where they do.
     """
     road = concrete.road
     calls = vehicles(traci)
@@ -269,7 +273,7 @@ def check_start(
             speed = 0.0
         if x < NOWHERE:
             raise SimulationError(f"SUMO did not insert vehicle `{name}` at the start of the case.")
-        # not inserted at its start, but moved there before the first step (`sumo_files.inserted`)
+        # inserted elsewhere with any speed: `Stage.tell` puts it on the map in the first step
         if on_map is not None:
             continue
         front = first_front(road, start, length)

@@ -13,8 +13,13 @@ from sumo_eval.cli.sentences import tell
 @RUN
 @click.argument("figure")
 @path_option("--out", help="The file: .svg, .png or .pdf (default: RUN/FIGURE.svg).")
-@click.option("--scenario", help="The logical scenario (default: the first, or that of the case).")
-@click.option("--ads", help="One ADS (default: all; the first where a figure shows one).")
+@click.option(
+    "--scenario",
+    help="One scenario (default: all; where a figure shows one, that of its case or the first).",
+)
+@click.option(
+    "--ads", help="One ADS (default: all; where a figure shows one, that of its case or the first)."
+)
 @click.option("--case", help="A case, for figures of drives (default: the least human-like one).")
 @click.option("--width", default="page", help="`column` (88 mm) or `page` (180 mm, the default).")
 @trusting
@@ -28,8 +33,8 @@ def plot(
     width: str,
 ) -> None:
     """Draw FIGURE for a paper. A run has zone_map, field, trajectories, time_history,
-    collisions, boundary, intervals, points, opinion; a folder of nights has trend; one of
-    `sumo-eval boundary` has boundary.
+    collisions, boundary, intervals, points, opinion; a folder of nights has trend; a folder that
+    `sumo-eval boundary` wrote has boundary.
     """
     from sumo_eval.extras.figures.drawn import FIGURES, OF_RUNS, draw, is_searched
     from sumo_eval.extras.figures.style import ending_of, refuse_without_matplotlib, save, width_of
@@ -40,7 +45,8 @@ def plot(
         width_of(width)
         ending_of(file)
         refuse_without_matplotlib()
-    # `draw` would score a run too, but without a bar on the terminal
+    # `draw` would score a run too, but without a bar on the terminal; the folders of `trend`,
+    # `opinion` and a searched boundary need no scores
     source = scored(run) if figure in OF_RUNS and not is_searched(run, figure) else run
     drawn = draw(source, figure, scenario=scenario, ads=ads, case=case, width=width)
     tell(str(save(drawn, file)))

@@ -49,9 +49,10 @@ def from_time(time: float) -> Program:
 def implied(program: Program) -> set[Past]:
     """Times and moves that are certainly past whenever a condition holds.
 
-    The function runs the program with a set instead of each value on the stack. AND unites two
-    sets, OR keeps what both have. Of the operations that programs here use, those up to `ENDED` put
-    a value on the stack. Later ones join two values, except `ABSOLUTE`.
+    The function runs the program with a set in place of each value on the stack: what is past
+    whenever that value is true. AND unites two sets, OR keeps what both have. In the order of
+    `played`'s numbers, operations up to `ENDED` put a value on the stack, and later ones join two
+    values, except `ABSOLUTE`.
     """
     stack: list[set[Past]] = [set()]  # what an empty program implies: nothing
     for k, (op, one, two, _) in enumerate(program):
@@ -62,7 +63,8 @@ def implied(program: Program) -> set[Past]:
             stack.append({program[k - 1][3]} if op == TIME else set())
         elif op != ABSOLUTE:
             last = stack.pop()
-            # BELOW implies nothing: it compares numbers, or "has ended" with 0.5 to negate it
+            # of BELOW both have nothing: one of its sides at least is a number, whose set is empty
+            # (0.5 where it negates "has ended")
             if op in (OR, BELOW):
                 stack[-1] &= last
             else:
@@ -77,8 +79,8 @@ class Moment:
     time: s, inf for never. With a program: the delay after its condition holds, s.
     program: of the condition; empty: the moment is a time.
     until: time from which on nothing begins any more, s; inf: no such time.
-    past: whether it is enough that the condition held before, as for the start of an element.
-        Otherwise it must still hold when all conditions joined with it hold.
+    past: where the condition is joined with others, whether it is enough that it held once, before
+        they hold, as that an element has begun. Otherwise all must hold at the same time.
     """
 
     time: float
@@ -96,7 +98,8 @@ class Moment:
 class Span:
     """Begin and end of an element of the storyboard.
 
-    end: s; inf: the end has no known time.
+    end: s; inf: the end has no known time. Where `begin` is a condition, a finite end means that
+        the element takes no time: it ends as it begins, and `end` is only the delay of `begin`.
     ended: the condition that the element has ended, where `end` is inf; empty: it never ends.
     """
 
@@ -124,8 +127,8 @@ class Conditions:
     """Reads the conditions of a file as moments.
 
     actors: in the order of their numbers; empty until the numbers are known.
-    spans: of the elements read so far, for conditions on elements. Each is a tuple: tag in small
-        letters; its name after those of the elements around it, joined by `::`; its span.
+    spans: of the elements read so far, for conditions on elements: tag in small letters, path,
+        span. The path joins the names of the elements around it and its own by `::`.
     """
 
     places: Places
@@ -138,6 +141,7 @@ class Conditions:
 
         Programs remember nothing. So the first actor gets a move that changes nothing and begins
         `delay` s after `program` holds. The result is the condition that this move has ended.
+        `acts.changes_nothing` knows such a move as a COSINE by 0 m.
         """
         if not self.actors:  # before their numbers are known, no move can wait for the condition
             return program
@@ -188,11 +192,11 @@ class Conditions:
         live = [group for group in groups if group.time < NEVER]
         if not live:
             return Moment(NEVER)
-        # 1. All groups are times: the earliest counts, and of equal ones the one with the latest
-        # `until`. Where `after` is a condition, it is joined with this one below.
+        # 1. all groups are times
         if all(group.known for group in live):
             if after.known:
                 return Moment(min(self._later(after, group, trigger).time for group in live))
+            # the earliest, of equal ones that with the latest `until`; joined with `after` below
             begin = min(live, key=lambda group: (group.time, -group.until))
         # 2. several, of which some are times or have a delay
         elif len(live) > 1 and any(group.known or group.time > 0.0 for group in live):
@@ -303,7 +307,7 @@ class Conditions:
             raise element.fault(f"the state `{state}` is not supported")
         if span.ended:
             return Moment(0.0, span.ended, past=True)  # what has ended does not run again
-        # an element that takes no time ends as it begins, which may be by a condition
+        # it begins by a condition and takes no time: it ends as it begins (`Span.end`)
         at_once = not begin.known and span.end < NEVER
         return begin if at_once else Moment(span.end)
 
