@@ -15,8 +15,9 @@ from sumo_eval.input_file import hash_of, sha256
 from sumo_eval.scenario.catalogue import options_of
 from sumo_eval.scenario.formats import format_of
 
-# a quoted text, which may name a file, and endings of files in which such texts are looked for
-_QUOTED = re.compile(r"""["']([^"'\n]{1,300})["']""")
+# A text from each quote to the next one of its kind, which may name a file, and endings of files in
+# which such texts are looked for. Texts may overlap: an apostrophe is no quote, but looks like one.
+_QUOTED = re.compile(r"""(["'])(?=([^\n]{1,300}?)\1)""")
 _NAMING_SUFFIXES = (".toml", ".xosc", ".py", ".json", ".xml")
 _TEXT_SIZE = 8 << 20  # bytes of a file whose text may name others
 
@@ -107,7 +108,7 @@ def _named_in(file: Path) -> Iterator[Path]:
         or file.stat().st_size > _TEXT_SIZE
     ):
         return
-    for name in _QUOTED.findall(file.read_text(encoding="utf-8", errors="replace")):
+    for _, name in set(_QUOTED.findall(file.read_text(encoding="utf-8", errors="replace"))):
         with suppress(OSError, ValueError):  # most texts are not names of files
             other = (file.parent / name).resolve()
             if other.is_file():
