@@ -302,3 +302,31 @@ def test_law_others_are_handed_over_on_a_curve_as_on_a_straight(scene):
         # nobody jumps where SUMO takes over: 28 m/s drive 2.8 m in 0.1 s
         assert np.abs(np.diff(drive.x)).max() < 3.1
         assert np.abs(np.diff(drive.y)).max() < 0.2
+
+
+def test_a_vehicle_that_stops_at_the_begin_stands_in_the_file(tmp_path):
+    """It stops from 1.8 m/s within 0.9 m, and stands for 19 s."""
+    braking = np.minimum(TIME, 1.0)
+    tracks = {
+        "ego": (200.0 + 5.0 * TIME, 3.6 + 0.0 * TIME),
+        "stops": (260.0 + 1.8 * braking - 0.9 * braking**2, 0.0 * TIME),
+    }
+    path = tmp_path / "scene.toml"
+    found = write_scene(recordings_of(TIME, tracks, 3.6, 100.0), path, "ego")
+    assert found.error[1] == pytest.approx(0.9, abs=1e-3)
+    assert simulate(
+        read_scenario(path).concrete(react_beyond=NEVER), "no_reaction"
+    ).actors["vstops"].x[-1] == pytest.approx(160.0, abs=0.01)  # fmt: skip
+
+
+def test_the_longest_scene_may_begin_at_any_tenth_of_a_second(tmp_path):
+    """220.3 s - 100.3 s is more than 120 s by rounding."""
+    time = np.round(np.arange(0.0, 125.05, 0.1), 1)
+    tracks = {"ego": (200.0 + 5.0 * time, 0.0 * time), "left": (230.0 + 6.0 * time, 3.6 + 0 * time)}
+    table = recordings_of(time, tracks, 3.6, 100.0)
+    assert write_scene(table, tmp_path / "scene.toml", "ego", span=(100.3, 220.3)).seconds == 120.0
+
+
+def test_a_scene_of_vehicles_left_out_says_why(tmp_path):
+    with refusal(r"got none \(left out: 4 recorded for less than a second of the scene\)"):
+        write_scene(recorded(), tmp_path / "scene.toml", "ego", span=(100.0, 100.5))

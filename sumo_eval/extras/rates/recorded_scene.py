@@ -55,7 +55,7 @@ NO_REACTION = "no actor reacts"
 # reasons why a vehicle is left out
 FAR = f"never within {REACH:g} m of the ego"
 IN_ANOTHER = "would stand in another vehicle where its track is continued to the start"
-SHORT = "recorded for less than a second"
+SHORT = "recorded for less than a second of the scene"
 
 
 class WrittenScene(NamedTuple):
@@ -134,9 +134,10 @@ def write_scene(
     scene_ego = recorded._replace(time=clock, x=x, y=y)
     actors, continued, left_out = _actors_of(others, scene_ego)
     if not actors:
+        reasons = "; ".join(f"{number} {reason}" for reason, number in left_out.items())
         raise InputError(
             f"Around vehicle `{ego}` there must be a vehicle from {first:g} to {last:g} s, got "
-            "none."
+            f"none{reasons and f' (left out: {reasons})'}."
         )
 
     # the file's road begins behind all vehicles
@@ -191,7 +192,8 @@ def _span_of(own: DataFrame, span: tuple[float | None, float | None]) -> tuple[f
     start, stop = own["t"].iloc[[0, -1]]
     first = start if span[0] is None else span[0]
     last = min(first + USUAL, stop) if span[1] is None else span[1]
-    if not (start - 1e-6 <= first < last <= stop + 1e-6 and last - first <= LONGEST):
+    # 1e-6: times are rounded, and so is their difference
+    if not (start - 1e-6 <= first < last <= stop + 1e-6 and last - first <= LONGEST + 1e-6):
         raise must_be(
             "Begin and end", f"the scene of vehicle `{own['vehicle'].iloc[0]}`",
             f"within its recording, {start:g} to {stop:g} s, at most {LONGEST:g} s apart",
@@ -334,6 +336,7 @@ def _vehicle(track: _Track, width: float, lanes: int, model: str) -> dict[str, A
     within = " or ".join(
         f"abs(y({track.name}) - {width * lane:g}) < {WITHIN_LANE}" for lane in range(lanes)
     )
+    stands = driven[-1] <= STANDS
     begin, *points = np.column_stack([x, y]).round(3)[thinned(x, y, PATH_TOLERANCE)].tolist()
     speed, *later_speeds = speeds.round(3).tolist()
     path = {"do": "path", "points": points}
@@ -345,10 +348,11 @@ def _vehicle(track: _Track, width: float, lanes: int, model: str) -> dict[str, A
         "when": f"departed > react_beyond and ({within})",
     }
     return {
-        "name": track.name, "speed": speed, "x": begin[0], "y": begin[1],
+        # without a profile, one that comes to a stop would keep its first speed
+        "name": track.name, "speed": 0.0 if stands else speed, "x": begin[0], "y": begin[1],
         "body": track.body, "length": track.length, "width": track.width,
         # a vehicle that stands has no path
-        "manoeuvre": [follow] if driven[-1] <= STANDS else [path, profile, follow],
+        "manoeuvre": [follow] if stands else [path, profile, follow],
     }  # fmt: skip
 
 
