@@ -5,8 +5,8 @@
 The server gives the browser one page, and no file of the disk. A peer must be this page (exact
 `Host` and `Origin`), and must know the token. The token is in the fragment of the address, which no
 browser sends to a server, so that no log has it. The size of a message and the rate of messages are
-bounded (`messages`). A window that is closed, hidden or asleep puts the drive on hold. A window
-that returns with the token continues the drive.
+bounded (`messages`). A window that is closed or hidden puts the drive on hold, as `seat` does where
+the machine slept or the window is silent. A window that returns with the token continues the drive.
 """
 
 from __future__ import annotations
