@@ -15,7 +15,7 @@ import numpy as np
 from sumo_eval.cases import CaseResult
 from sumo_eval.errors import unknown
 from sumo_eval.method.anthropomorphic import AnthropomorphicIndex
-from sumo_eval.method.collision_avoidance import SMALLEST_OVERLAP
+from sumo_eval.method.collision_avoidance import SMALLEST_OVERLAP, collision_weight
 from sumo_eval.method.point_criticality import criticality
 from sumo_eval.method.score_terms import worth
 from sumo_eval.method.zone_partition import ZonePartition
@@ -75,7 +75,8 @@ def explain_case(
                 f"  {line}"
                 for line in chain(
                     _zone(case, zones),
-                    _collision(case, fact, findings, zones),
+                    _weight(case, zones),
+                    _collision(case, fact, findings),
                     _likeness(case, fact, findings, evaluation, zones, store),
                     _task(case, findings),
                     _avoided(case, findings),
@@ -101,9 +102,7 @@ def _zone(case: CaseResult, zones: ZonePartition) -> Iterator[str]:
     yield f"Eqs. 7-8: y = {learnt:+z.4f}: {side} as learnt, for maps and weights"
 
 
-def _collision(
-    case: CaseResult, fact: Fact, findings: Findings, zones: ZonePartition
-) -> Iterator[str]:
+def _collision(case: CaseResult, fact: Fact, findings: Findings) -> Iterator[str]:
     hit = fact.collision
     if hit is None:
         yield "Eqs. 14-17: no contact, so this case has no part in C"
@@ -138,7 +137,6 @@ def _collision(
     best = f"hits with Ug = {ideal:z.3f}{settings.unit}" if ideal else "avoids, Ug = 0"
     capped = ", capped at 1: gentler than the ideal vehicle" if case.beats_ideal else ""
     yield f"Eq. 17: the ideal vehicle {best}: {ratio} = {part.value:z.4f}{capped}"
-    yield from _weight(case, zones)
     points = worth(findings.method.score)  # of S that C = 1 and D = 1 are worth
     weight, total, alike = case.weight, part.total, ""
     if not total:
@@ -152,16 +150,23 @@ def _collision(
 
 
 def _weight(case: CaseResult, zones: ZonePartition) -> Iterator[str]:
+    row = zones.logical.row(case.values)
+    r = float(collision_weight(row, zones))
     if zones.zones == 0:
         yield "Eq. 16: r = 1, there is no hazardous zone"
-        return
-    weight = case.weight or 0.0
-    star, away, boundary = star_distance(zones, zones.logical.row(case.values), weight)
-    edge = "" if boundary is None else f", zone's boundary at {boundary:z.4f}"
-    yield (
-        f"Eq. 16: r = |x - x*| / |b - x*| = {weight:z.4f}: {away:z.4f} unit-box lengths from x* "
-        f"({point_words(star)}){edge}"
-    )
+    else:
+        star, away, boundary = star_distance(zones, row, r)
+        edge = "" if boundary is None else f", zone's boundary at {boundary:z.4f}"
+        yield (
+            f"Eq. 16: r = |x - x*| / |b - x*| = {r:z.4f}: {away:z.4f} unit-box lengths from x* "
+            f"({point_words(star)}){edge}"
+        )
+    weight = r if case.weight is None else case.weight
+    if r and not math.isclose(weight, r, rel_tol=ROUNDING):
+        yield (
+            f"adaptive sample: this point stands for {weight / r:z.4f} points of an even one, so "
+            f"its r counts {r:z.4f} x {weight / r:z.4f} = {weight:z.4f} below"
+        )
 
 
 def _likeness(

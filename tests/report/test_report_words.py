@@ -13,7 +13,7 @@ from report_cases import every, findings, pick, with_case, with_losses, with_sco
 from tables import values_of
 
 from sumo_eval.case_table import CaseTable
-from sumo_eval.method.collision_avoidance import collision_avoidance_index
+from sumo_eval.method.collision_avoidance import collision_avoidance_index, collision_weight
 from sumo_eval.method.index_terms import IndexNote, NoteKind
 from sumo_eval.nightly.rule_limits import end_change
 from sumo_eval.report import words
@@ -105,6 +105,17 @@ def test_failed_case_is_explained_by_its_own_reason(evaluation, partitions):
     failed = with_case(without, case, status="sim_error", task_share=None)
     text = explained(failed, partitions, case)
     assert "T: this case has no part in it: it could not be evaluated" in text
+
+
+def test_r_of_a_point_of_an_adaptive_sample_is_told_from_what_it_counts(evaluation, partitions):
+    case = pick(evaluation, collided=True)
+    r = float(collision_weight(case.values, partitions[case.scenario]))
+    for of_even, said in ((1.0, False), (1.5, True)):
+        odd = with_case(evaluation, case, weight=of_even * r)
+        text = explained(odd, partitions, case)
+        assert f"Eq. 16: r = |x - x*| / |b - x*| = {r:.4f}: " in text
+        words = f"stands for 1.5000 points of an even one, so its r counts {r:.4f} x 1.5000 = "
+        assert (words in text) is said
 
 
 def test_shares_of_equal_weight_are_explained_as_such(evaluation, partitions):
