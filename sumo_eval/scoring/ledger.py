@@ -249,10 +249,12 @@ def _likeness_lines(findings: Findings) -> _Lines:
     whole = "D = 1, within the drivers' own spread everywhere"
     yield _line(findings, "D", whole, alone=1.0, equation="13")
     if findings.score.d is None:
-        hits = np.flatnonzero(cases.voids_index)
-        # Without D its term of S is 0 (Eq. 18), so this line takes the 1 of the line above. The
-        # collisions share it equally, because each of them alone voids D. If D does not exist for
-        # another reason, the line has no cases.
+        # Without D its term of S is 0 (Eq. 18), so this line takes the 1 of the line above. If
+        # collisions void D, they share it equally, because each of them alone does so. If D does
+        # not exist for another reason, the line has no cases.
+        reason = findings.score.d_reason
+        voided = reason is not None and reason.why == "collisions"
+        hits = np.flatnonzero(cases.voids_index & voided)
         each = np.full(len(hits), 1.0 / max(len(hits), 1))
         yield _line(findings, "D", NOT_COMPUTED, hits, lost=each, alone=-1.0, equation="18")
         return

@@ -11,6 +11,7 @@ from sumo_eval.case_table import CaseTable
 from sumo_eval.report.score_words import explain_a
 from sumo_eval.report.terminal import ledger_lines, ledger_words
 from sumo_eval.report.terminal import ledger_sentences as sentences
+from sumo_eval.results import NotComputed
 from sumo_eval.scoring.findings import Findings
 from sumo_eval.scoring.ledger import ledger, ledger_plus
 from sumo_eval.scoring.quantities import combine
@@ -157,6 +158,15 @@ def test_a_collision_that_costs_a_little_counts_in_a_as_in_c(evaluation):
     line = line_of(ledger_plus(found), "has too, but softer")
     assert line.cases == len(line.entries) == score.unavoidable_collisions
     assert line.parts.max() > -1e-4
+
+
+def test_collisions_take_d_only_where_they_are_the_reason_that_there_is_none(evaluation):
+    score, found = findings(evaluation, HOSTILE, 1)
+    voiding = int(found.cases.voids_index.sum())
+    assert len(line_of(ledger(found), "not computed").entries) == voiding > 0
+    nobody = found._replace(score=replace(score, d_reason=NotComputed("no_drivers")))
+    line = line_of(ledger(nobody), "not computed")
+    assert (line.index, len(line.entries), line.cases) == (-1.0, 0, 0)
 
 
 def test_a_safe_case_with_an_avoidable_collision_costs_its_whole_share_of_h(evaluation):
