@@ -303,12 +303,14 @@ def _task(case: CaseResult, findings: Findings) -> Iterator[str]:
     if score.task_share is None:
         yield f"T: t_i = {case.task_share:z.4f}; T is not computed: {REASON_WITHOUT_T}"
         return
-    beside = f"`{score.task_reference}` and the drivers" if score.task_reference else "the drivers"
+    car = score.task_reference
+    slowest = f"the slowest of `{car}` and the drivers" if car else "the slowest of the drivers"
+    slowest = f"`{car}`" if score.nobody_compared else slowest
     why = " for its incident" if case.incident or case.struck_from_behind else ""
     part = findings.part(case, findings.tasked, findings.cases.exposure, findings.cases.task_share)
     yield (
-        f"T: t_i = {case.task_share:z.4f}{why}, mean over the way of min(1, time of the slowest of "
-        f"{beside} / own time); of 1 - T = {1.0 - score.task_share:z.4f} this case took "
+        f"T: t_i = {case.task_share:z.4f}{why}, mean over the way of min(1, time of "
+        f"{slowest} / own time); of 1 - T = {1.0 - score.task_share:z.4f} this case took "
         f"{part.takes:z.4f} ({count(part.cases, 'case')})"
     )
 

@@ -62,8 +62,15 @@ def alarms(counts: Behaviour) -> list[str]:
         (counts.departures, f"left the road in {count(counts.departures, 'case')}"),
         (counts.gave_up, f"gave up {count(counts.gave_up, 'case')}"),
         (counts.avoidable_collisions, count(counts.avoidable_collisions, "avoidable collision")),
-        (counts.stands, f"stands in {count(counts.stands, 'safe case')} where drivers drive on"),
-        (counts.slower, f"slower than the slowest driver in {count(counts.slower, 'safe case')}"),
+        # not "drivers": a scenario without people has the reference car alone
+        (
+            counts.stands,
+            f"stands in {count(counts.stands, 'safe case')} where the references drive on",
+        ),
+        (
+            counts.slower,
+            f"slower than the slowest reference in {count(counts.slower, 'safe case')}",
+        ),
         (
             counts.implausible,
             f"unlike any recorded person in {count(counts.implausible, 'safe case')}",

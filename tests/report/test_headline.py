@@ -58,8 +58,8 @@ ALARMS = {
     **tomllib.loads("""
 "left the road in 1 case" = { departure_time = 1.0, departure_speed = 20.0, departure_severity = 20.0 }
 "gave up 1 case" = { status = "ads_error", no_reaction_severity = 9.0 }
-"stands in 1 safe case where drivers drive on" = { task_share = 0.4, end_reason = "standstill" }
-"slower than the slowest driver in 1 safe case" = { task_share = 0.9, end_reason = "road_end" }
+"stands in 1 safe case where the references drive on" = { task_share = 0.4, end_reason = "standstill" }
+"slower than the slowest reference in 1 safe case" = { task_share = 0.9, end_reason = "road_end" }
 "1 case not evaluated" = { status = "sim_error" }
 """),
     "1 avoidable collision": HIT,

@@ -118,6 +118,14 @@ def test_r_of_a_point_of_an_adaptive_sample_is_told_from_what_it_counts(evaluati
         assert (words in text) is said
 
 
+def test_no_drivers_are_named_beside_t_where_there_are_none(evaluation, partitions):
+    case = next(row for row in evaluation.cases if row.safe and row.task_share is not None)
+    some = with_scores(evaluation, task_reference="attentive")
+    assert "slowest of `attentive` and the drivers / own" in explained(some, partitions, case)
+    nobody = with_scores(some, h_reason=NotComputed("no_drivers"))
+    assert "min(1, time of `attentive` / own time)" in explained(nobody, partitions, case)
+
+
 def test_shares_of_equal_weight_are_explained_as_such(evaluation, partitions):
     case = pick(evaluation, collided=True)
     without = every(evaluation, weight=0.0)
