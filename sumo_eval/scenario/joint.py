@@ -72,10 +72,7 @@ class Joint:
         owner = f"the joint distribution {self.source}".rstrip()
         if n < k + 2:
             raise must_be("The events", owner, f"at least {k + 2}", n)
-        # with a column that depends on others linearly, the covariance has no Cholesky factor
-        rows = np.array(self.events)
-        scaled = (rows - rows.mean(axis=0)) / np.maximum(rows.std(axis=0), 1e-12)
-        if np.linalg.matrix_rank(scaled, tol=1e-6) < k:
+        if not vary_alone(np.array(self.events)):
             raise InputError(
                 f"The events of {owner} must vary in each of {', '.join(self.names)} on its own."
             )
@@ -132,6 +129,15 @@ class Joint:
         events = f"{len(self.events)} recorded events"
         source = f" of {self.source}" if self.source else ""
         return f"a Gaussian {kind} over {events}{source} (bandwidth {self.factor:.3f})"
+
+
+def vary_alone(rows: FloatArray) -> bool:
+    """Whether each column of events (n, k) varies on its own.
+
+    With a column that depends on others linearly, the covariance has no Cholesky factor.
+    """
+    scaled = (rows - rows.mean(axis=0)) / np.maximum(rows.std(axis=0), 1e-12)
+    return bool(np.linalg.matrix_rank(scaled, tol=1e-6) == rows.shape[1])
 
 
 class _Kernels(NamedTuple):

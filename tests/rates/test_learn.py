@@ -8,6 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 from commands import cli_refuses, sumo_eval
 from laid import read_json
@@ -21,7 +22,7 @@ from tables import in_campaign
 from sumo_eval.drivers.recorded.importing import import_recordings
 from sumo_eval.drivers.recorded.recordings import Recordings
 from sumo_eval.extras.rates.command import called
-from sumo_eval.extras.rates.encounters import Encounters, find_encounters
+from sumo_eval.extras.rates.encounters import CLASSES, Encounters, find_encounters
 from sumo_eval.extras.rates.intervals import (
     correlation_interval,
     end_interval,
@@ -30,7 +31,8 @@ from sumo_eval.extras.rates.intervals import (
     of_each,
     rate_interval,
 )
-from sumo_eval.extras.rates.learned import fold_of, learn, measure
+from sumo_eval.extras.rates.learn_page import PAGE, sentences, write_lesson
+from sumo_eval.extras.rates.learned import choose_model, fold_of, learn, measure
 from sumo_eval.extras.rates.measured import LEAD_MOVES
 from sumo_eval.extras.rates.scenes import content_of
 from sumo_eval.scenario.catalogue import find
@@ -158,6 +160,43 @@ def test_too_little_data_leaves_no_campaign_that_is_refused(tmp_path):
     assert "fitted cut_in: 1 done\n" in done.stderr
     assert "fitted lane_change: 7 done\n" in done.stderr
     assert not [*out.glob("*.toml"), *out.glob("cut_in.*")]
+
+
+def test_a_class_whose_parameters_depend_on_each_other_costs_no_other_class(tmp_path):
+    """All leads drive at 20 m/s, as in simulated traffic: the closing speed is the ego's less 20
+    m/s."""
+    time = np.round(np.arange(0.0, 14.05, 0.1), 1)
+    parts = []
+    for number, speed in enumerate(np.random.default_rng(1).uniform(24.0, 32.0, 30)):
+        # the gap falls below 3.5 s after 5 s
+        lead = 204.4 + 3.5 * speed + (speed - 20.0) * 5.0 + 20.0 * time
+        tracks = {"ego": (200.0 + speed * time, 0.0 * time), "lead": (lead, 0.0 * time)}
+        parts.append(recordings_of(time, tracks, 3.6).table.assign(recording=f"r{number}"))
+    lesson = learn([Recordings(pd.concat(parts))], tmp_path, "platoons")
+    learnt = lesson.learnt["approach"]
+    assert set(lesson.learnt) == set(CLASSES)
+    assert learnt.kept.sum() >= learnt.needed
+    assert learnt.logical is None
+    words = "with all parameters, which do not vary in each parameter on its own"
+    assert any(words in line for line in sentences(lesson))
+    write_lesson(lesson, tmp_path)
+    assert words in (tmp_path / PAGE).read_text()
+
+
+def test_folds_leave_events_that_a_model_can_be_fitted_to():
+    """Two egos at constant speeds: without one of them, the speed does not vary."""
+    stream = np.random.default_rng(1)
+    rows = np.column_stack([np.repeat([25.0, 30.0], 20), stream.normal(size=40)])
+    egos = [{"recording": "r", "ego": ego} for ego in "ab" for _ in range(20)]
+    folds = fold_of(egos, rows)
+    assert set(folds) == set(range(5))
+    box = tuple(rows.min(axis=0) - 1.0), tuple(rows.max(axis=0) + 1.0)
+    joint = Joint("kde", ("speed", "gap"), tuple(map(tuple, rows.tolist())), *box)
+    assert np.isfinite(choose_model(joint, folds)[0].log_likelihood)
+    # without fold 1 the speed does not vary: fold 0 alone is held out
+    rows[20:39, 0] = 25.0
+    uneven = replace(joint, events=tuple(map(tuple, rows.tolist())))
+    assert np.isfinite(choose_model(uneven, np.repeat([0, 1], 20))[0].log_likelihood)
 
 
 def test_many_files_are_called_by_the_first_and_the_last():
@@ -365,7 +404,8 @@ def test_law_constraints_that_leave_too_few_events_are_counted():
 
 
 def test_events_of_one_ego_are_held_out_too():
-    assert set(fold_of([{"recording": "r", "ego": "e"}] * 9)) == set(range(5))
+    rows = np.random.default_rng(1).normal(size=(9, 1))
+    assert set(fold_of([{"recording": "r", "ego": "e"}] * 9, rows)) == set(range(5))
 
 
 def test_vehicle_from_a_ramp_moves_from_the_right_as_in_its_file():

@@ -161,6 +161,13 @@ def _against(learnt: Learnt) -> int:
     return int((~learnt.kept).sum())
 
 
+def _lacking(learnt: Learnt) -> str:
+    """Why the events of a class with all parameters have no distribution."""
+    if len(learnt.encounters.rows) - _against(learnt) < learnt.needed:
+        return f"{learnt.needed} are needed"
+    return "which do not vary in each parameter on its own"
+
+
 def sentences(lesson: Lesson) -> list[str]:
     """The results: a line on the recordings, then one on each class."""
     survey = lesson.survey
@@ -176,8 +183,7 @@ def sentences(lesson: Lesson) -> list[str]:
             against = _against(learnt)
             ruled_out = f" ({against} of them against a constraint)" if against else ""
             result = (
-                f"{len(rows)} with all parameters{ruled_out}, {learnt.needed} are needed: "
-                "no scenario file."
+                f"{len(rows)} with all parameters{ruled_out}, {_lacking(learnt)}: no scenario file."
             )
         else:
             best = learnt.models[0]
@@ -225,8 +231,8 @@ def _class_parts(learnt: Learnt, content: Json) -> list[Text | Table | Chart]:
         ),
     ]
     if learnt.joint is None:
-        needed = f"{content['events_needed']} events with all parameters are needed"
-        pieces.append(Text(f"{needed}: no scenario file.", "note"))
+        events = f"Events with all parameters, {_lacking(learnt)}"
+        pieces.append(Text(f"{events}: no scenario file.", "note"))
     else:
         caption = f"{encounters.name}: recorded and modelled"
         pieces = [Chart(caption, _marginals(learnt.joint)), *pieces, *_fit_parts(learnt, content)]

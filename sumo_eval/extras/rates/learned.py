@@ -38,7 +38,7 @@ from sumo_eval.report.page import write_csv
 from sumo_eval.report.words import count
 from sumo_eval.scenario.concrete import ConcreteScenario, Numbers
 from sumo_eval.scenario.file import read_scenario, scenario_from
-from sumo_eval.scenario.joint import Joint, JointKind
+from sumo_eval.scenario.joint import Joint, JointKind, vary_alone
 from sumo_eval.scenario.logical import LogicalScenario
 from sumo_eval.scenario.undisturbed import tracks
 from sumo_eval.score_notes import Bounds
@@ -79,14 +79,14 @@ class Fit(NamedTuple):
 class Learnt(NamedTuple):
     """Results for a class.
 
-    By `measure`. With too few events for a distribution, `logical` is None, and the fields after it
-    are empty, except perhaps `kept`:
+    By `measure`. Without a distribution, `logical` is None, and the fields after it are empty,
+    except perhaps `kept`:
 
     encounters: of the class.
     rate: of encounters, 1/km, and its 95 % limits.
     needed: least number of events for a distribution.
     constants: parameter that does not vary -> its value.
-    logical: the scenario; None: too few events.
+    logical: the scenario; None: too few events, or they do not vary in each parameter on its own.
     content: tables of its file without a distribution.
     kept: whether each row of the encounters is within the ranges and constraints, (n,).
     rows: parameters of these rows, (kept, k).
@@ -198,7 +198,7 @@ def measure(encounters: Encounters, survey: EncounterSurvey, source: str) -> Lea
     rows = np.column_stack([columns[name] for name in free])
     kept = logical.in_box(rows) & logical.feasible(rows)
     rows = rows[kept]
-    if len(rows) < needed:
+    if len(rows) < needed or not vary_alone(rows):
         return few._replace(kept=kept)
     intervals = _intervals_at_once(dict(zip(free, rows.T, strict=True)), *events_and_kilometres)
     return Learnt(encounters, rate, needed, constants, logical, content, kept, rows, *intervals)
@@ -242,7 +242,7 @@ def _fitted(measured: Learnt, path: Path) -> Learnt:
     table, file = path.with_suffix(".events.csv"), path.with_suffix(".toml")
     # `choose_model` tries every kind
     any_model = Joint("kde", names, _tuples(rows), low, high, source=table.name)
-    models = choose_model(any_model, fold_of(sources))
+    models = choose_model(any_model, fold_of(sources, rows))
     joint = models[0].joint
     assert joint is not None  # `even`, which has none, is the last
 
@@ -335,16 +335,24 @@ def _range(values: FloatArray, quantity: Quantity) -> Bounds:
 # --- held out -------------------------------------------------------------------------------------
 
 
-def fold_of(sources: Sequence[Mapping[str, Any]]) -> np.ndarray:
+def fold_of(sources: Sequence[Mapping[str, Any]], rows: FloatArray) -> np.ndarray:
     """The fold of each event, 0 to `FOLDS` - 1, by a hash of its ego: no ego is in two folds.
 
-    If all egos fall into one fold, the events are dealt out in order instead.
+    If no fold leaves events that a model can be fitted to, the events are dealt out in order
+    instead. So it is if all egos fall into one fold.
 
     sources: as in `Encounters`.
+    rows: parameters of the events, (n, k).
     """
     egos = (f"{source['recording']}/{source['ego']}" for source in sources)
     folds = np.array([zlib.crc32(ego.encode()) % FOLDS for ego in egos])
-    return folds if np.ptp(folds) else np.arange(len(folds)) % FOLDS
+    fitted = any(_has_fit(rows[folds != fold]) for fold in np.unique(folds))
+    return folds if fitted else np.arange(len(folds)) % FOLDS
+
+
+def _has_fit(rows: FloatArray) -> bool:
+    """Whether a `Joint` can be fitted to events (n, k)."""
+    return len(rows) >= rows.shape[1] + 2 and vary_alone(rows)
 
 
 def choose_model(joint: Joint, folds: np.ndarray) -> tuple[Fit, ...]:
@@ -372,8 +380,8 @@ def _fit(joint: Joint, folds: np.ndarray) -> Fit:
     logs, shares = [], []
     for fold in range(FOLDS):
         train, test = rows[folds != fold], rows[folds == fold]
-        # with `LEAST_EVENTS`, at least one fold leaves enough events for a `Joint`
-        if len(test) and len(train) >= len(joint.names) + 2:
+        # with the folds of `fold_of`, at least one leaves events that have a fit
+        if len(test) and _has_fit(train):
             fitted = replace(joint, events=_tuples(train))
             logs.append(np.log(np.maximum(fitted.density(test) / fitted.mass(), 1e-300)))
             shares.append(marginal_shares(fitted, test))
