@@ -173,6 +173,21 @@ def test_trap_5_session_starts_with_stderr_closed(monkeypatch, closed):
     assert half_second(lambda *_: None).end_reason == "time_limit"
 
 
+def test_trap_5_session_starts_though_nobody_reads_stderr(tmp_path):
+    """As after `sumo-eval run ... 2>&1 | head -1`."""
+    reader, writer = os.pipe()
+    os.close(reader)
+    console = os.dup(2)
+    os.dup2(writer, 2)
+    try:
+        with session_module._stderr_into(tmp_path / "stderr.txt"):
+            os.write(2, b"Loading done.\n")  # as SUMO prints
+    finally:
+        os.dup2(console, 2)
+        os.close(console)
+        os.close(writer)
+
+
 def test_trap_5_stderr_works_again_after_a_session(capfd):
     with pytest.raises(SimulationError), session(case(speed=99.0), HALF_SECOND):
         pass

@@ -326,8 +326,9 @@ def _stderr_into(path: Path) -> Iterator[None]:
     try:
         os.dup2(file, 2)
         yield
-        # SUMO has started: its output holds no errors, and goes to the user
-        os.write(console, os.pread(file, os.fstat(file).st_size, 0))
+        # SUMO has started: its output holds no errors, and goes to the user, if still there
+        with suppress(BrokenPipeError):
+            os.write(console, os.pread(file, os.fstat(file).st_size, 0))
     finally:
         os.dup2(console, 2)
         os.close(console)
