@@ -36,10 +36,14 @@ def load_object(locator: str, folder: Path | None, kind: str) -> Any:
     load = _load_file if module.endswith(".py") else _load_module
     value: Any = load(module, folder, owner)
     for part in name.split("."):
-        if not hasattr(value, part):
+        try:
+            # a module may have a `__getattr__` of its own, which may fail
+            with users_code(f"{owner}: `{name}` of `{module}` failed", AttributeError):
+                value = getattr(value, part)
+        except AttributeError as error:
             public = [item for item in dir(value) if not item.startswith("_")]
-            raise InputError(f"{owner}: `{module}` has no `{name}`.{did_you_mean(part, public)}")
-        value = getattr(value, part)
+            hint = did_you_mean(part, public)
+            raise InputError(f"{owner}: `{module}` has no `{name}`.{hint}") from error
     return value
 
 
@@ -59,7 +63,7 @@ def _load_module(name: str, folder: Path | None, owner: str) -> ModuleType:
 
 def _load_file(file: str, folder: Path | None, owner: str) -> ModuleType:
     path = Path(os.path.realpath((folder or Path()) / file))  # a loop of links raises no error
-    if not path.exists():
+    if not os.path.exists(path):  # `Path.exists` raises for a long name
         raise InputError(f"{owner}: there is no file {path}.")
     try:
         content = hash_of(path, "file")

@@ -17,3 +17,14 @@ def test_an_edited_file_is_loaded_again_an_unchanged_one_not(tmp_path):
 def test_a_name_inside_a_number_is_refused(tmp_path):
     with refusal(r"`math` has no `pi\.x`"):
         load_object("math:pi.x", tmp_path, "ADS")
+
+
+def test_a_module_whose_names_fail_is_refused_in_a_sentence(tmp_path):
+    (tmp_path / "lazy.py").write_text('def __getattr__(name): raise ImportError("no torch")')
+    with refusal(r"ADS `lazy\.py:Ads`: `Ads` of `lazy\.py` failed: ImportError: no torch\."):
+        load_object("lazy.py:Ads", tmp_path, "ADS")
+
+
+def test_a_name_that_is_too_long_for_a_file_is_no_file(tmp_path):
+    with refusal("there is no file"):
+        load_object(f"{'a' * 300}.py:Ads", tmp_path, "ADS")
