@@ -404,3 +404,25 @@ def test_the_first_reset_begins_all_whatever_its_mask():
     _, again = vector.reset(seed=4)
     assert masked["values"].tolist() == again["values"].tolist()
     assert len({tuple(values.items()) for values in masked["values"]}) == 3
+
+
+def test_an_environment_without_a_new_seed_continues_its_random_numbers():
+    """As with gymnasium's own vectors: where a seed is None, and outside the mask."""
+
+    def points(*resets):
+        vector = make_vec("sumo_eval/cut_in-v0", num_envs=3, autoreset_mode=AutoresetMode.DISABLED)
+        return [vector.reset(**how)[1]["values"].tolist() for how in resets][-1]
+
+    some = {"reset_mask": np.array([True, False, False])}
+    plain = points({"seed": 4}, {})
+    assert points({"seed": 4}, {"seed": [None, None, None]}) == plain
+    assert points({"seed": 4}, {"seed": [None, 7, 8], "options": some}, {})[1:] == plain[1:]
+
+
+def test_actions_of_another_shape_are_refused_not_rearranged():
+    vector = make_vec("sumo_eval/cut_in-v0", num_envs=3, steering=True)
+    vector.reset(seed=0)
+    for wrong in (np.zeros((2, 3)), np.zeros(6)):
+        with refusal(rf"must be 3 x 2 numbers, got \({', '.join(map(str, wrong.shape))}"):
+            vector.step(wrong)
+    vector.step(np.zeros((3, 2)))

@@ -50,7 +50,9 @@ def _answers(interface: Interface, actions: Any, count: int) -> Floats:
         values = np.asarray(actions)
     kind = values.dtype.kind  # numpy's letters: b bool, i and u integers, f floats
     if interface.choices is None:
-        if kind in "biuf" and values.size == count * width:
+        # axes of length 1 may be left out or added; other shapes would mix up the episodes
+        expected = tuple(length for length in (count, width) if length > 1)
+        if kind in "biuf" and values.squeeze().shape == expected:
             return values.reshape(count, -1).astype(np.float64)
         got = values.shape if kind in "biuf" else actions
         raise must_be("The actions", "an environment", f"{count} x {width} numbers", got)
@@ -136,29 +138,39 @@ class ScenarioVectorEnv(VectorEnv[Floats, Floats, Floats]):
         """Begin a case in every environment, or in those of `options["reset_mask"]`.
 
         seed: a list with a seed for each environment; of a number, environment i receives seed + i.
+            Without a seed, and where the list has None, its present generator continues.
         """
         options = dict(options or {})
         mask = options.pop("reset_mask", np.ones(self.num_envs, bool))
         if np.shape(mask) != (self.num_envs,) or getattr(mask, "dtype", None) != np.bool_:
             must = f"{self.num_envs} truth values in an array"
             raise must_be("`reset_mask`", "the options of reset", must, mask)
-        self._seed(seed)
+        self._seed(seed, mask)
         self.episodes.begin(np.flatnonzero(mask), self._generators, options)
         self._over[mask] = False
         return self.episodes.show(), {
             "values": np.array([dict(it.values) for it in self.episodes.rows.world.cases])
         }
 
-    def _seed(self, seed: int | list[int | None] | None) -> None:
-        """Make a generator for each environment; without a seed the present generators continue."""
+    def _seed(self, seed: int | list[int | None] | None, begun: BoolArray) -> None:
+        """Make a generator for each environment that begins with a seed; all others keep theirs.
+
+        begun: whether each environment begins, (n,); the first time all do.
+        """
+        present = self._generators
         if seed is None:
-            if self._generators:
+            if present:
                 return
             seed = int(self.np_random.integers(2**31))
         seeds = seed if isinstance(seed, list) else range(seed, seed + self.num_envs)
         if len(seeds) != self.num_envs:
             raise must_be("`seed`", "reset", f"one number, or {self.num_envs}", seed)
-        self._generators = list(map(np.random.default_rng, seeds))
+        self._generators = [
+            present[row]
+            if present and (own is None or not begun[row])
+            else np.random.default_rng(own)
+            for row, own in enumerate(seeds)
+        ]
 
     def step(self, actions: Floats) -> tuple[Floats, Floats, BoolArray, BoolArray, Info]:
         """One step of all, or the steps of one `period`."""
