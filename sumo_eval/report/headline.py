@@ -120,7 +120,8 @@ def _safest(evaluation: Evaluation, behaviours: Sequence[Behaviour]) -> str:
     pair = harm_beside(evaluation, graded[0].ads, other)
     if pair.less == pair.more == 0:
         # `run.only` may name cases of which the two have none in common
-        return f"{words} {other} does the same harm in every case." if pair.common else words
+        alike = f"{other} does the same harm in each of {count(pair.common, 'compared case')}."
+        return f"{words} {alike}" if pair.common else words
     apart = "Told apart" if pair.told_apart else "Not told apart"
     return (
         f"{words} {apart} from {other}: less harm in {count(pair.less, 'case')}, more in "

@@ -124,7 +124,7 @@ class HarmBeside(NamedTuple):
 
     less: points at which the ADS does less avoidable harm than the second.
     more: points at which it does more.
-    common: points at which both have a case.
+    common: points at which the harm of both is known.
     """
 
     less: int
@@ -153,7 +153,9 @@ def harm_beside(evaluation: Evaluation, first: str, second: str) -> HarmBeside:
             rows, other_rows = np.intersect1d(points, other_points, return_indices=True)[1:]
             differences.append(own.beyond[rows] - other.beyond[other_rows])
     harm = np.concatenate(differences)
-    return HarmBeside(int((harm < 0.0).sum()), int((harm > 0.0).sum()), len(harm))
+    return HarmBeside(
+        int((harm < 0.0).sum()), int((harm > 0.0).sum()), int(np.isfinite(harm).sum())
+    )
 
 
 def worst_case(evaluation: Evaluation, order: Sequence[str]) -> CaseResult | None:

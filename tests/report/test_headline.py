@@ -143,6 +143,15 @@ def test_sign_test_tells_the_safest_apart(evaluation, hits, words):
     assert answer.startswith(f"{CALM} with no avoidable collision in 8 cases. {words} from")
 
 
+def test_the_same_harm_is_said_of_compared_cases_alone(evaluation):
+    calm, hostile = (clean(evaluation, ads, 8) for ads in (CALM, HOSTILE))
+    hostile = [replace(hostile[0], status="sim_error"), *hostile[1:]]
+    both = of_one_scenario(evaluation, [*calm, *hostile])
+    scores = tuple(replace(one, s_plus=None) for one in both.scores)
+    answer = dict(headline(replace(both, scores=scores, ranking=UNRANKED)).answers)["Safest"]
+    assert answer.endswith("does the same harm in each of 7 compared cases.")
+
+
 def test_the_best_is_distinguished_or_not(evaluation):
     first, second = CALM, HOSTILE
     for apart, words in ((True, "Told apart from"), (False, "Not told apart from")):
