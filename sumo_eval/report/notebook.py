@@ -102,7 +102,7 @@ def picture(evaluation: Evaluation) -> Any:
             if score.s_plus_interval is not None:
                 panel.plot(score.s_plus_interval, [row, row], color="black")
         panel.set(title=scenario, xlabel="S+ (line: its interval)", xlim=(0.0, 100.0))
-        panel.set_yticks(range(len(ads)), ads)
+        panel.set_yticks(range(len(ads)), ads, parse_math=False)  # a name may hold `$`
         if panel is panels[0]:  # all panels share its axis
             panel.invert_yaxis()
     return figure
