@@ -89,14 +89,25 @@ def explain_case(
 
 
 def _zone(case: CaseResult, zones: ZonePartition) -> Iterator[str]:
-    settings = zones.settings
-    row = zones.logical.row(case.values)
-    largest = criticality(zones.logical, row[None], settings).inverse[0]
-    peak = "unbounded, ideal braking hits" if math.isinf(largest) else f"{largest:z.4f} 1/s"
-    yield (
-        f"Eqs. 1-6: largest inverse TTC under ideal braking with {settings.deceleration:g} m/s2: "
-        f"{peak}; hazardous from {settings.critical_inverse_ttc:g} 1/s: the {case.zone} zone"
-    )
+    logical, settings = zones.logical, zones.settings
+    if not (logical.approach or logical.search or logical.margin):
+        yield "Eqs. 1-8: the scenario declares no zones, so every point counts as safe"
+        return
+    row = logical.row(case.values)
+    found = criticality(logical, row[None], settings)
+    if logical.margin is not None:
+        yield (
+            f"in place of Eqs. 1-6: {found.gap[0]:z.4f} m to the limit that the scenario states; "
+            f"hazardous from 0 down: the {case.zone} zone"
+        )
+    else:
+        largest = found.inverse[0]
+        peak = "unbounded, ideal braking hits" if math.isinf(largest) else f"{largest:z.4f} 1/s"
+        yield (
+            f"Eqs. 1-6: largest inverse TTC under ideal braking with {settings.deceleration:g} "
+            f"m/s2: {peak}; hazardous from {settings.critical_inverse_ttc:g} 1/s: the {case.zone} "
+            "zone"
+        )
     learnt = float(zones.predicted(row))
     side = "safe" if learnt > 0.0 else "hazardous"
     yield f"Eqs. 7-8: y = {learnt:+z.4f}: {side} as learnt, for maps and weights"

@@ -133,7 +133,10 @@ def explain_a(findings: Findings) -> str:
     unit = findings.method.collision.regret_unit
     regret = "" if score.regret is None else f"; the regret is {number(score.regret, 3)}{unit}"
     if score.avoided_share == 1.0:
-        return f"{sentence} A = A' = 1: no incident is harder than the ideal vehicle's{regret}."
+        # at the most dangerous point r is 0, and a hard collision there takes nothing
+        harder = (findings.beyond > 0.0).any()
+        which = "no incident at a point with r above 0" if harder else "no incident"
+        return f"{sentence} A = A' = 1: {which} is harder than the ideal vehicle's{regret}."
     below = ": worse than doing nothing, and S+ takes 0" if score.avoided_share < 0.0 else ""
     grade = number(score.avoidance_grade, 3)
     return (

@@ -20,11 +20,12 @@ from sumo_eval.report import words
 from sumo_eval.report.explain import _zone, explain_case, known_case
 from sumo_eval.report.junit import _facts
 from sumo_eval.report.notes import index_notes, notes_sentence
-from sumo_eval.report.score_words import explain_c, explain_d, explain_s
+from sumo_eval.report.score_words import explain_a, explain_c, explain_d, explain_s
 from sumo_eval.report.words import count, number, percent, sampling_words, severity_words
 from sumo_eval.results import NotComputed
 from sumo_eval.scenario import catalogue
 from sumo_eval.scoring.findings import Findings, unevaluated
+from sumo_eval.scoring.quantities import combine
 from sumo_eval.settings import CollisionSettings, SamplingSettings
 
 
@@ -249,6 +250,30 @@ def test_the_zone_of_a_case_is_that_of_its_criticality(evaluation, partitions):
     exact, learnt = _zone(case, zones)
     assert exact.endswith("hazardous from 0.7 1/s: the hazardous zone")
     assert learnt.endswith("safe as learnt, for maps and weights")
+
+
+def test_no_inverse_ttc_is_printed_where_the_zone_has_another_rule(evaluation, partitions):
+    zones, case = partitions[CUT_OUT], evaluation.cases_in(CUT_OUT)[0]
+    no_rule = replace(zones.logical, approach=None, search=None, margin=None)
+    (line,) = _zone(case, replace(zones, logical=no_rule))
+    assert line == "Eqs. 1-8: the scenario declares no zones, so every point counts as safe"
+    limit = replace(no_rule, margin=lambda values: 0.0 * next(iter(values.values())) + 2.5)
+    first, _ = _zone(case, replace(zones, logical=limit))
+    assert first.startswith("in place of Eqs. 1-6: 2.5000 m to the limit")
+
+
+def test_a_hard_collision_that_weighs_nothing_is_not_called_soft(evaluation):
+    _, found = findings(evaluation, CALM, 1)
+    calm = next(row for row in found.cases if row.evaluated and not row.incident)
+    hit = next(row for row in found.cases if row.unavoidable)
+    for above, said in (
+        (0.0, "no incident is"),
+        (1.0, "no incident at a point with r above 0 is"),
+    ):
+        rows = [calm, replace(hit, weight=0.0, severity=hit.ideal_severity + above)]
+        score = combine(CALM, hit.scenario, rows, found.method)
+        assert score.avoided_share == 1.0
+        assert said in explain_a(Findings(score, CaseTable.of(rows), found.method))
 
 
 def test_the_choice_of_points_in_words():
