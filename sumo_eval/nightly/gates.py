@@ -190,7 +190,8 @@ def _moved(quantity: str, change: QuantityChange, unit: str, confidence: float) 
     moved = f"went from {before} to {after}"
     if change.low is not None and change.high is not None:
         moved += (
-            f", difference within {change.low:+z.4g} to {change.high:+z.4g} ({confidence:z.0%})"
+            f", difference within {change.low:+z.4g} to {change.high:+z.4g} "
+            f"({100.0 * confidence:z.6g}%)"
         )
     return moved
 

@@ -187,5 +187,5 @@ def quantity_words(name: str, change: QuantityChange, confidence: float) -> str:
     moved, low, high = (
         f"{value:+z.{digits}f}" for value in (change.difference, change.low, change.high)
     )
-    interval = f"({confidence:z.0%} interval of the difference: {low} to {high})"
+    interval = f"({100.0 * confidence:z.6g}% interval of the difference: {low} to {high})"
     return f"{old} -> {new}, {moved} {interval}"

@@ -9,9 +9,10 @@ from refusals import refusal
 from report_cases import HIT, pick, with_case, with_settings
 
 from sumo_eval.errors import InputError
+from sumo_eval.nightly.gates import _moved
 from sumo_eval.record.kept_results import KeptResults
-from sumo_eval.report.comparison_lines import comparison_notes, moved_words
-from sumo_eval.scoring.comparison import compare
+from sumo_eval.report.comparison_lines import comparison_notes, moved_words, quantity_words
+from sumo_eval.scoring.comparison import QuantityChange, compare
 from sumo_eval.scoring.gate_settings import GateSettings
 from sumo_eval.scoring.kept_scores import KeptScoring
 from sumo_eval.settings import AdsSettings
@@ -239,3 +240,12 @@ def test_another_controller_or_another_version_of_numpy_is_shown_and_not_refused
     words = [item.words for item in compare(evaluation, other, GATE).differences]
     assert "version of numpy: not set in the base, 3.0 in the new run" in words
     assert "controller of calm: idm in the base, lane_changer in the new run" in words
+
+
+@pytest.mark.parametrize("confidence, printed", [(0.95, "95"), (0.995, "99.5"), (0.9999, "99.99")])
+def test_a_confidence_is_printed_as_it_was_set(confidence, printed):
+    change = QuantityChange(71.2, 70.1, -1.1, -2.0, -0.4)
+    assert quantity_words("S+", change, confidence) == (
+        f"71.20 -> 70.10, -1.10 ({printed}% interval of the difference: -2.00 to -0.40)"
+    )
+    assert _moved("S+", change, "", confidence).endswith(f"within -2 to -0.4 ({printed}%)")
