@@ -1,6 +1,7 @@
 """Files that a user's scenario comes from, and hashes of their content.
 
-Users: `record/facts.py`, `record/fingerprint.py`, `scoring/steps.py`, `whatif/search.py`.
+Users: `extras/rates/departures.py`, `record/facts.py`, `record/fingerprint.py`,
+`scoring/steps.py`, `whatif/search.py`.
 """
 
 import importlib.util
@@ -11,6 +12,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
+from sumo_eval.errors import InputError
 from sumo_eval.input_file import hash_of, sha256
 from sumo_eval.scenario.catalogue import options_of
 from sumo_eval.scenario.formats import format_of
@@ -52,6 +54,19 @@ def is_edited(recorded: Mapping[str, Any], use: str, source: Path) -> bool:
     hashes = hashes_of_scenario(use, source)
     # "": not recorded
     return any(recorded.get(name, "") not in ("", now) for name, now in hashes.items())
+
+
+def refuse_edited(scenario: str, recorded: Mapping[str, Any], use: str, source: Path) -> None:
+    """Raise InputError if the files of a run's scenario have changed since it was driven.
+
+    scenario: its name.
+    recorded, use, source: as in `is_edited`.
+    """
+    if is_edited(recorded, use, source):
+        raise InputError(
+            f"The file of scenario `{scenario}` must be that of the run, and has changed since: "
+            "undo its changes, or run the evaluation again."
+        )
 
 
 def _content(file: Path) -> object:

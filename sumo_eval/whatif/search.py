@@ -21,7 +21,7 @@ from sumo_eval.record.cases import Case, Outcome, Setup
 from sumo_eval.record.engines import run_cases
 from sumo_eval.record.progress import Progress, quiet
 from sumo_eval.record.run_folder import read_exposures, resolved_run
-from sumo_eval.record.scenario_files import is_edited
+from sumo_eval.record.scenario_files import refuse_edited
 from sumo_eval.whatif.levers import Lever, first_values, levers_of, moved
 
 _WITHOUT_EFFECT = {
@@ -140,12 +140,9 @@ class WhatIf:
         check_known("scenario of the run", self._run.scenarios, fact.scenario)
         check_known("ADS of the run", self._locators, fact.driver)
         for entry, logical in self._run.entries:
-            recorded = self._exposures.get(logical.name, {})
-            if logical.name == fact.scenario and is_edited(recorded, entry.use, self._run.source):
-                raise InputError(
-                    f"The file of scenario `{fact.scenario}` must be that of the run, and has "
-                    "changed since: undo its changes, or run the evaluation again."
-                )
+            if logical.name == fact.scenario:
+                recorded = self._exposures.get(logical.name, {})
+                refuse_edited(logical.name, recorded, entry.use, self._run.source)
         logical = self._run.scenarios[fact.scenario]
         levers = levers_of(logical, fact.values, self._run.settings.simulation)
         named = [it for it in levers if name in (None, it.name, it.name.split(".")[-1])]

@@ -158,6 +158,26 @@ def test_drives_without_trajectories_are_counted_not_passed_over(scene, tmp_path
     assert note in (tmp_path / "page.html").read_text()
 
 
+def test_distances_are_from_the_ego_of_the_run_or_refused(tmp_path):
+    """A scene that was written again under the same name, with another ego."""
+    path = tmp_path / "scene.toml"
+    write_scene(recorded(), path, "ego")
+    settings = EvaluationSettings(
+        "x",
+        (ScenarioSettings(str(path), sampling=SamplingSettings("grid")),),
+        (AdsSettings("a", "no_reaction"),),
+    )
+    run = evaluate(settings, tmp_path / "run", engine="serial").folder
+    assert len(write_departures(run, tmp_path / "page.html")) == 2
+    write_scene(recorded(), path, "left")
+    with refusal("The file of scenario `scene` must be that of the run, and has changed since"):
+        write_departures(run, tmp_path / "page.html")
+    evaluation = run / "evaluation.toml"
+    evaluation.write_text(evaluation.read_text().replace(str(path), "cut_in"))
+    with refusal("Unknown scenario `scene` of the run"):
+        write_departures(run, tmp_path / "page.html")
+
+
 @pytest.mark.parametrize("seed", range(5))
 def test_law_a_way_that_straight_speeds_drive_gives_them_back_wherever_it_begins(seed):
     stream = np.random.default_rng(seed)

@@ -9,9 +9,10 @@ from itertools import cycle
 from pathlib import Path
 from typing import NamedTuple
 
-from sumo_eval.errors import InputError
+from sumo_eval.errors import InputError, check_known
 from sumo_eval.extras.panels import COLOURED_LINES, Marks, Panel, on_page
-from sumo_eval.record.run_folder import resolved_run
+from sumo_eval.record.run_folder import read_exposures, resolved_run
+from sumo_eval.record.scenario_files import refuse_edited
 from sumo_eval.record.store import EGO, open_store
 from sumo_eval.report.study_page import Table, write_study
 from sumo_eval.scenario.concrete import departures
@@ -72,12 +73,14 @@ class SceneDrive(NamedTuple):
 def departures_in(run: Path) -> tuple[list[SceneDrive], int]:
     """Drives of ADSs in recorded scenes, and the number of those left out, without trajectories.
 
-    Raises InputError where there is none.
+    Raises InputError where there is none, and where the file of a scene has changed since.
     """
-    scenarios, drives, left_out = resolved_run(run).scenarios, [], 0
+    resolved, drives, left_out = resolved_run(run), [], 0
     with open_store(run) as store:
         for fact in store.facts("ads"):
-            recorded = scenarios[fact.scenario].concrete(**fact.values).ego.recorded
+            # a run whose evaluation was edited may lack the scenario
+            check_known("scenario of the run", resolved.scenarios, fact.scenario)
+            recorded = resolved.scenarios[fact.scenario].concrete(**fact.values).ego.recorded
             drive = store.trajectories(fact.case).get(EGO) if recorded else None
             if drive is None:
                 left_out += bool(recorded)  # its trajectories were discarded, or it never began
@@ -91,6 +94,10 @@ def departures_in(run: Path) -> tuple[list[SceneDrive], int]:
                     next(reactions, None), fact.end_reason or fact.status,
                 )
             )  # fmt: skip
+    exposures, scenes = read_exposures(run), {it.scenario for it in drives}
+    for entry, logical in resolved.entries:
+        if logical.name in scenes:
+            refuse_edited(logical.name, exposures.get(logical.name, {}), entry.use, resolved.source)
     if not drives:
         raise InputError(
             f"{run} must hold trajectories in a recorded scene ([ego] `recorded` of its file), got "
