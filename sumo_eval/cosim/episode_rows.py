@@ -119,15 +119,18 @@ class EpisodeRows:
         return REASONS[int(self.world.egos["reason"][row])] or ""
 
     def observations(self) -> Observations:
-        """Observations of the egos of all rows."""
+        """Observations of the egos of all rows, as they are now: copies, which a user's reward may
+        change and keep.
+        """
         world = self.world
+        egos = world.egos.copy()
         return Observations(
-            world.egos["time"],  # type: ignore[arg-type]
+            egos["time"],  # type: ignore[arg-type]
             world.cases[0].road,
             world.rows,
-            world.egos,
-            world.seen,
-            world.others,
+            egos,
+            world.seen.copy(),
+            world.others.copy(),
             world.cases,
         )
 

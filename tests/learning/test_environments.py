@@ -426,3 +426,26 @@ def test_actions_of_another_shape_are_refused_not_rearranged():
         with refusal(rf"must be 3 x 2 numbers, got \({', '.join(map(str, wrong.shape))}"):
             vector.step(wrong)
     vector.step(np.zeros((3, 2)))
+
+
+def test_law_what_a_reward_does_with_its_arrays_changes_no_drive():
+    kept = []
+
+    def harmless(it):
+        return it.speed - 20.0
+
+    def in_place(it):
+        kept.append((it.speed.copy(), it))
+        for array in (it.acceleration, it.command, it.start_speed, it.seen.ego.speed):
+            array -= 20.0
+        error = it.speed[:]
+        error -= 20.0
+        return error
+
+    def drive(reward):
+        vector = make_vec("sumo_eval/cut_in-v0", num_envs=2, interface=RAW, reward=reward)
+        vector.reset(seed=1)
+        return [[told.tolist() for told in vector.step(np.ones((2, 1)))[:2]] for _ in range(3)]
+
+    assert drive(in_place) == drive(harmless)
+    assert all((was - 20.0 == it.speed).all() for was, it in kept)

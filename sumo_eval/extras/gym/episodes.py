@@ -253,11 +253,12 @@ class Episodes:
             ended[row] = rows.reason(row)
             if ended[row] == "contact":
                 impact[row] = self._impact(row)
+        # copies: a reward may change and keep what it receives
         return Transition(
-            seen=rows.observations(), command=commands, speed=egos["speed"],
-            acceleration=egos["acceleration"],
+            seen=rows.observations(), command=commands.copy(), speed=egos["speed"].copy(),
+            acceleration=egos["acceleration"].copy(),
             jerk=(egos["acceleration"] - before) / rows.world.settings.step,
-            start_speed=self._start_speeds, running=running, ended=ended, impact=impact,
+            start_speed=self._start_speeds.copy(), running=running, ended=ended, impact=impact,
             step=rows.world.settings.step,
         )  # fmt: skip
 
