@@ -65,7 +65,7 @@ def driving_words(
         remarks += likeness_words(scene, plausible_people(logical, store, settings)[0])
     calm = (
         "It drove as the drivers did, without harm."
-        if scene.drivers
+        if case.human_likeness is not None  # drivers that are too few are not compared with
         else "It had no contact and stayed on the road."
     )
     sentences = [words for words, _ in remarks] or [calm]

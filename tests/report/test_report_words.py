@@ -24,7 +24,7 @@ from sumo_eval.report.score_words import explain_a, explain_c, explain_d, explai
 from sumo_eval.report.words import count, number, percent, sampling_words, severity_words
 from sumo_eval.results import NotComputed
 from sumo_eval.scenario import catalogue
-from sumo_eval.scoring.findings import Findings, unevaluated
+from sumo_eval.scoring.findings import LIKENESS_FACTORS, Findings, unevaluated
 from sumo_eval.scoring.quantities import combine
 from sumo_eval.settings import CollisionSettings, SamplingSettings
 
@@ -117,6 +117,18 @@ def test_r_of_a_point_of_an_adaptive_sample_is_told_from_what_it_counts(evaluati
         assert f"Eq. 16: r = |x - x*| / |b - x*| = {r:.4f}: " in text
         words = f"stands for 1.5000 points of an even one, so its r counts {r:.4f} x 1.5000 = "
         assert (words in text) is said
+
+
+def test_a_drive_is_called_as_the_drivers_only_if_it_was_compared(evaluation, partitions):
+    _, found = findings(evaluation, CALM, 0)
+    case = next(row for row in found.cases if row.safe and row.task_share == 1.0)
+    for value, sentence in (
+        (1.0, "It drove as the drivers did, without harm."),
+        (None, "It had no contact and stayed on the road."),
+    ):
+        factors = dict.fromkeys(LIKENESS_FACTORS.values(), value)
+        odd = with_case(evaluation, case, human_likeness=value, index=None, **factors)
+        assert f"\n  {sentence}\n" in explained(odd, partitions, case)
 
 
 def test_no_drivers_are_named_beside_t_where_there_are_none(evaluation, partitions):
