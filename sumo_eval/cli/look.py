@@ -89,6 +89,10 @@ def replay(
     """Write an animation of CASE of RUN: one HTML file that plays in any browser, without a
     server.
     """
+    if gui and (beside or out or opens):
+        raise click.UsageError(
+            "`--gui` writes no animation: leave out `--beside`, `--out` and `--open`."
+        )
     from sumo_eval.record.run_folder import resolved_run
     from sumo_eval.report.replay import recorded, write_replay
 

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from browser import Page, needs_chromium, needs_node, node, plain
 from builders import CALM, HOSTILE
+from commands import cli_refuses
 from lxml import etree
 from packed_pages import unpacked
 from page_checks import press
@@ -233,6 +234,12 @@ def test_without_sumo_gui_a_sentence_says_how_to_get_it(monkeypatch, tmp_path):
         InputError, match=r"needs the extra `gui`, which this installs: .* -m pip install .*\[gui\]"
     ):
         sumo_gui()
+
+
+@pytest.mark.parametrize("option", [["--out", "r.html"], ["--beside", "driver_01"], ["--open"]])
+def test_options_of_the_animation_are_refused_with_gui(evaluation, option):
+    case = evaluation.cases[0].case
+    cli_refuses("`--gui` writes no animation", "replay", evaluation.folder, case, "--gui", *option)
 
 
 @needs_node
