@@ -7,7 +7,7 @@ Users: `cli/finish.py`, `report/notebook.py`, `report/summary.py`.
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from sumo_eval.report.score_words import REASON_WITHOUT_T, parts_of_total
+from sumo_eval.report.score_words import REASON_WITHOUT_A, REASON_WITHOUT_T, parts_of_total
 from sumo_eval.report.words import count, number, span
 from sumo_eval.results import Evaluation, RankedAds, Ranking
 from sumo_eval.scoring.behaviour import Behaviour, behaviour_of, harm_beside, ranked
@@ -16,6 +16,7 @@ SELDOM = 2.0 / 3.0
 """Most contacts a case for which the text says "one every n cases", so that n is at least 1.5."""
 MOST_NAMED = 3
 """ADSs that share the first place and are named; the rest is a number."""
+_WITHOUT_GRADE = "no ADS has A' in every scenario"
 
 
 class Headline(NamedTuple):
@@ -111,8 +112,7 @@ def _safest(evaluation: Evaluation, behaviours: Sequence[Behaviour]) -> str:
     )
     if not graded:
         evaluated = any(it.cases > it.not_evaluated for it in behaviours)
-        why = "no ADS has A' in every scenario" if evaluated else "no case could be evaluated"
-        return f"not known: {why}."
+        return f"not known: {_WITHOUT_GRADE if evaluated else REASON_WITHOUT_A}."
     words = f"{graded[0].ads} with {safety_words(evaluation, graded[0])}."
     if len(graded) == 1:
         return words
@@ -146,8 +146,10 @@ def _most_human(behaviours: Sequence[Behaviour]) -> str:
 def _best(ranking: Ranking, order: Sequence[RankedAds]) -> str:
     best, *others = order
     parts = parts_of_total(ranking)
-    if best.s_plus is None:
+    if best.s_plus is None and ranking.without_task:
         return f"none: {REASON_WITHOUT_T}{parts}. Read A' instead."
+    if best.s_plus is None:
+        return f"none: {_WITHOUT_GRADE}{parts}."
     interval = f" ({span(best.interval, 1)})" if best.interval else ""
     points = f"{best.ads} with {number(best.s_plus, 1)} of 100 points{interval}{parts}."
     if not others or others[0].s_plus is None:

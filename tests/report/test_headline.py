@@ -202,9 +202,16 @@ def test_no_ads_is_the_most_human_at_nought(evaluation):
 
 def test_without_a_task_a_prime_stands_in_for_s_plus(evaluation):
     without = report_cases.with_scores(evaluation, task_share=None, s_plus=None)
-    answer = dict(headline(replace(without, ranking=UNRANKED)).answers)["Best by S+"]
+    ranking = replace(UNRANKED, without_task=(NAME,))
+    answer = dict(headline(replace(without, ranking=ranking)).answers)["Best by S+"]
     assert answer.startswith("none: no safe case could be compared with a reference")
     assert "A'" in answer
+
+
+def test_without_a_prime_the_best_is_not_blamed_on_the_task(evaluation):
+    without = report_cases.with_scores(evaluation, avoidance_grade=None, s_plus=None)
+    answer = dict(headline(replace(without, ranking=UNRANKED)).answers)["Best by S+"]
+    assert answer == "none: no ADS has A' in every scenario."
 
 
 def test_a_departure_is_off_road_on_every_picture(evaluation):
