@@ -154,7 +154,8 @@ def scores_of(
     rows: the n cases to read. Which sums are asked for does not depend on them.
     """
     method = terms.method
-    exposed = terms.exposure.any()  # whether any of all cases has an exposure
+    # of all cases, not of `rows` alone: whether any has an exposure, and whether any voids D
+    exposed, without_d = terms.exposure.any(), terms.voids.any()
     terms = terms.part(rows)
 
     def mean(values: FloatArray) -> FloatArray:
@@ -164,7 +165,7 @@ def scores_of(
     collisions = terms.ratio, terms.weight, terms.collided, terms.evaluated
     c = score_terms.collision_avoidance(*collisions, counts if hits is None else hits)
     d = mean(terms.index)
-    voided = terms.voids.any() if hits is None else hits @ terms.voids.astype(np.float64) > 0.0
+    voided = without_d if hits is None else hits @ terms.voids.astype(np.float64) > 0.0
     d = np.where(voided, np.nan, d)
     harm = terms.severity, terms.ideal, terms.unreacting
     avoided = score_terms.avoided_share(*harm, terms.weight, counts)

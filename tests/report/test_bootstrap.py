@@ -117,3 +117,14 @@ def test_ends_of_differences_are_those_of_students_t(evaluation):
     drawn = paired_differences(*runs, settings.resamples, settings.seed)["D"]
     tails = norm.cdf(t.ppf([0.05, 0.95], len(cases.collided) - 1))
     np.testing.assert_allclose((change.low, change.high), np.quantile(drawn, tails))
+
+
+def test_a_run_without_d_has_none_in_any_resample():
+    """S of 90 falls to 0 by a collision that voids D. A resample without this collision has C = 1
+    in both runs, so it loses the points of D, 20 to 50; all others lose 50 more."""
+    calm = replace(terms_of(20), index=np.linspace(0.6, 1.0, 20))
+    first = np.arange(20) == 0
+    hit = replace(calm, collided=first, voids=first, ratio=np.where(first, 0.0, np.nan))
+    change = _quantity_changes((calm, hit), GateSettings())["S"]
+    assert (change.base, change.new, change.difference) == pytest.approx((90.0, 0.0, -90.0))
+    assert change.low <= change.difference <= change.high < -20.0
