@@ -123,7 +123,7 @@ def _picture(pair: PairCoverage) -> Json:
 
 def _assessment_json(item: Assessment, coverage: SpaceCoverage) -> Json:
     """One ADS in one scenario: its intervals by score, `SCORE_half_width_by_source`, the fields of
-    `CollisionRisk`, `further_cases`.
+    `Risk`, `further_cases`.
     """
     plain: Json = {"ads": item.ads, "scenario": item.scenario, "reason": item.reason}
     plain |= {name: asdict(interval) for name, interval in item.intervals.items()}

@@ -55,6 +55,27 @@ def test_a_score_without_an_interval_says_why(assessed, partitions):
     assert "no interval: fewer than two evaluated cases" in page
 
 
+def test_an_ads_that_gave_up_everywhere_keeps_the_intervals_that_it_has(
+    evaluation, partitions, assessed
+):
+    """Its cases given up count in S+, which has an interval, but not in the collision share."""
+    score = replace(
+        with_intervals_of_calm(evaluation, partitions).scores[0], c=None, d=None, s=None
+    )
+    rows = [replace(case, status="ads_error") for case in evaluation.cases_behind(score)]
+    given_up = replace(evaluation, cases=tuple(rows), scores=(score,))
+    (alone,) = assess(given_up, {score.scenario: partitions[score.scenario]}).assessments
+    assert set(alone.intervals) >= {"task_share", "avoided_share", "s_plus"}
+    assert alone.risk is None
+    shown, confidence = assessed
+    others = [item for item in confidence.assessments if item.scenario != score.scenario]
+    beside = Additions(confidence=Confidence((alone, *others), confidence.coverage))
+    page = write_report(shown, partitions, beside).read_text()
+    low, high = score.s_plus_interval
+    assert f"{low:.1f} to {high:.1f}" in page
+    assert "not computed</span>: fewer than two evaluated cases with exposure" in page
+
+
 def test_a_report_without_an_assessment_has_no_such_section(assessed, partitions):
     evaluation, _ = assessed
     page = write_report(evaluation, partitions).read_text()

@@ -20,7 +20,7 @@ from sumo_eval.results import Evaluation, ScenarioResult
 from sumo_eval.scoring.case_terms import CaseTerms, case_terms
 from sumo_eval.scoring.confidence.coverage import SpaceCoverage, space_coverage
 from sumo_eval.scoring.confidence.further_cases import FurtherCases, further_cases
-from sumo_eval.scoring.confidence.intervals import LEVEL, REPLICATES, SCORED, Interval
+from sumo_eval.scoring.confidence.intervals import LEAST, LEVEL, REPLICATES, SCORED, Interval
 from sumo_eval.scoring.confidence.resamples import one_list, resamples
 from sumo_eval.trajectory import FloatArray
 
@@ -44,7 +44,8 @@ class Risk:
 class Assessment(NamedTuple):
     """Confidence in one ADS's scores in one scenario.
 
-    intervals: name of a score in `ScenarioResult` -> its interval, if it has one.
+    intervals: name of a score in `ScenarioResult` -> its interval, if it has one; empty
+        with fewer than two counted cases.
     sources: score (`s`, `s_plus`) -> source (`cases`, `drivers`) -> half the interval's width.
     risk: None if there are too few evaluated cases.
     further: proposed cases; None likewise.
@@ -100,20 +101,17 @@ def _assess(score: ScenarioResult, evaluation: Evaluation, zones: ZonePartition)
     """Confidence in the scores of one ADS in one scenario."""
     settings, cases = evaluation.settings, evaluation.cases_behind(score)
     evaluated = cases[cases.evaluated]
-    risk = risk_of(evaluated, score, settings.seed)
-    if risk is None:
-        reason = "fewer than two evaluated cases with exposure"
-        return Assessment(score.ads, score.scenario, {}, {}, None, None, reason)
-    moved = influence(case_terms(evaluated, settings.method))
-    points = evaluated.parameters(zones.logical.names)
-    return Assessment(
-        score.ads,
-        score.scenario,
-        intervals_of(score),
-        score.half_widths_by_source,
-        risk,
-        further_cases(zones.logical, points, moved, FURTHER),
-    )
+    risk, further = risk_of(evaluated, score, settings.seed), None
+    reason = "fewer than two evaluated cases with exposure"
+    if risk is not None:
+        reason = ""
+        points = evaluated.parameters(zones.logical.names)
+        moved = influence(case_terms(evaluated, settings.method))
+        further = further_cases(zones.logical, points, moved, FURTHER)
+    # cases given up are not evaluated, but T, A, A', H and S+ have intervals of them
+    intervals = intervals_of(score) if np.count_nonzero(cases.counted) >= LEAST else {}
+    sources = score.half_widths_by_source
+    return Assessment(score.ads, score.scenario, intervals, sources, risk, further, reason)
 
 
 def intervals_of(score: ScenarioResult) -> dict[str, Interval]:
