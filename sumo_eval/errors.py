@@ -140,6 +140,11 @@ def install_command(extra: str) -> str:
         name = f"{unquote(url.removeprefix('file://'))}[{extra}]"
         editable = "-e " if origin["dir_info"].get("editable") else ""
     elif url:
+        # of a repository, pip keeps the address without the kind and the commit that it needs
+        if repository := origin.get("vcs_info"):
+            url = f"{repository['vcs']}+{url}@{repository['commit_id']}"
+        if "subdirectory" in origin:
+            url += f"#subdirectory={origin['subdirectory']}"
         name = f"{name} @ {url}"
     return f"{shlex.quote(sys.executable)} -m pip install {editable}{shlex.quote(name)}"
 

@@ -133,6 +133,10 @@ def test_a_missing_extra_is_named_with_the_command_that_installs_it_from_where_t
         '{"url": "file:///srv/sumo_eval", "dir_info": {}}': "'/srv/sumo_eval[fmu]'",
         '{"url": "https://host/s-1.whl", "archive_info": '
         "{}}": "'sumo_eval[fmu] @ https://host/s-1.whl'",
+        '{"url": "https://host/s.git", "vcs_info": {"vcs": "git", "commit_id": '
+        '"1a2b"}}': "'sumo_eval[fmu] @ git+https://host/s.git@1a2b'",
+        '{"url": "https://host/s.zip", "archive_info": {}, "subdirectory": '
+        '"python"}': "'sumo_eval[fmu] @ https://host/s.zip#subdirectory=python'",
         None: "'sumo_eval[fmu]'",
     }
     for origin, words in origins.items():
