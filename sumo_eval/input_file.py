@@ -97,10 +97,10 @@ def writing(what: str, folder: Path | None = None) -> Iterator[None]:
 
 def write_whole(path: Path, text: str) -> None:
     """Write the whole file, or leave it as it was."""
-    path = path.resolve()  # a link stays a link
-    if path.exists() and not path.is_file():  # a pipe
+    if path.exists() and not path.is_file():  # a pipe: /dev/stdout resolves to no file
         path.write_text(text, "utf-8")
         return
+    path = path.resolve()  # a link stays a link
     # named by process, as another one may write the same file
     half = path.with_name(f"{path.name}.{os.getpid()}.half")
     try:

@@ -210,5 +210,13 @@ def test_a_link_to_a_file_stays_a_link(tmp_path):
     assert (tmp_path / "report.html").read_text() == "today"
 
 
+def test_a_pipe_behind_a_descriptor_receives_the_text():
+    reading, into = os.pipe()
+    write_whole(Path(f"/dev/fd/{into}"), "today")
+    os.close(into)
+    with open(reading) as pipe:
+        assert pipe.read() == "today"
+
+
 def test_time_of_a_name_too_long_is_that_of_no_file():
     assert changed_at(Path("9" * 999)) == -1
