@@ -173,7 +173,7 @@ def check_evaluation(settings: EvaluationSettings, where: object, *, own_ads: bo
 
 def with_changes(settings: EvaluationSettings, changes: Sequence[str]) -> EvaluationSettings:
     """Settings with `key.path=value` changes applied, e.g. `method.score.a=60`."""
-    content = to_plain(settings)
+    content = asdict(settings)
     for change in changes:
         path, equals, text = change.partition("=")
         if not equals:
@@ -201,6 +201,8 @@ def _table_at(content: dict[str, Any], names: Sequence[str], path: str) -> dict[
             raise InputError(
                 f"Unknown setting `{'.'.join(names[: index + 1])}`.{did_you_mean(name, known)}"
             )
+        if known[name] is None:  # a table that may be missing
+            known[name] = {}
         table = known[name]
     if not isinstance(table, dict):
         raise InputError(f"Unknown setting `{path}`.")

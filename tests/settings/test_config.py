@@ -8,7 +8,7 @@ import pytest
 from refusals import refusal
 from tables import rows_of, values_of
 
-from sumo_eval.settings import RunSettings
+from sumo_eval.settings import PlantSettings, RunSettings
 from sumo_eval.settings.config import (
     PAPER_EVALUATION,
     read_evaluation,
@@ -117,6 +117,13 @@ def test_a_change_reaches_the_setting_it_names_and_no_other():
         with_changes(changed, ["method.score.a=50", "method.anthropomorphic.field.k2=0.005"])
         == settings
     )
+
+
+def test_a_change_reaches_a_table_that_is_not_set():
+    changes = ["drivers.tolerance.gap=3", "simulation.plant.file=car.fmu"]
+    changed = with_changes(read_evaluation(PAPER_EVALUATION), changes)
+    assert changed.drivers.tolerance == {"gap": 3.0}
+    assert changed.simulation.plant == PlantSettings(file="car.fmu")
 
 
 @pytest.mark.parametrize(
