@@ -60,6 +60,8 @@ from sumo_eval.settings.config import (
     check_evaluation,
     read_evaluation,
     settings_from,
+    to_plain,
+    validated,
 )
 from sumo_eval.settings.random_streams import random_stream
 from sumo_eval.settings.toml_file import refuse_unfit
@@ -140,7 +142,8 @@ def _read(
     own_ads: whether its ADSs are used.
     """
     if isinstance(evaluation, EvaluationSettings):
-        return evaluation, Path.cwd()
+        # as a file would have them: numbers of numpy become Python's
+        return validated(to_plain(evaluation), EvaluationSettings, "the evaluation"), Path.cwd()
     if isinstance(evaluation, Mapping):
         content = _with_locators(evaluation, folder, resume)
         return settings_from(content, "the evaluation", own_ads=own_ads), Path.cwd()

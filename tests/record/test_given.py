@@ -5,17 +5,25 @@ import subprocess
 import sys
 import threading
 import tomllib
+from dataclasses import replace
 from importlib.metadata import version
 from pathlib import Path
 
+import numpy as np
 import pytest
 from commands import sumo_eval as sumo_eval_cli
 from refusals import refusal
 
 import sumo_eval
+from sumo_eval.record.facts import resolve
 from sumo_eval.record.given import entry_of
-from sumo_eval.settings import AdsSettings
-from sumo_eval.settings.config import read_evaluation
+from sumo_eval.settings import (
+    AdsSettings,
+    EvaluationSettings,
+    SamplingSettings,
+    ScenarioSettings,
+)
+from sumo_eval.settings.config import read_evaluation, to_toml
 
 EVALUATION = tomllib.loads("""
 name = "notebook"
@@ -193,6 +201,16 @@ def test_two_of_one_name_cannot_be_told_apart(tmp_path):
 def test_a_wrong_dict_is_refused_like_a_wrong_file(tmp_path):
     with refusal(r"Unknown key `drivers\.cout` in the evaluation\. Did you mean `count`"):
         sumo_eval.evaluate({**EVALUATION, "drivers": {"cout": 2}}, tmp_path / "run")
+
+
+def test_numbers_of_numpy_in_settings_are_numbers(tmp_path):
+    sampling = SamplingSettings(method="sobol", count=np.int64(2))
+    ads = AdsSettings("idm", "idm", options={"headway": np.float32(1.5)})
+    settings = EvaluationSettings("x", (ScenarioSettings("cut_in", sampling),), (ads,))
+    run = resolve(replace(settings, seed=np.int64(3)), tmp_path / "run", resume=False)
+    assert tomllib.loads(to_toml(run.settings))["seed"] == 3
+    assert run.settings.scenario[0].sampling == SamplingSettings(method="sobol", count=2)
+    assert run.settings.ads[0].locator == "idm?options.headway=1.5"
 
 
 def test_the_package_says_its_version():
