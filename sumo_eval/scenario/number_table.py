@@ -21,7 +21,7 @@ from sumo_eval.text import from_cell, number_in, shown
 from sumo_eval.trajectory import FloatArray
 
 # title of a column with a unit: `ego_speed (km/h)` or `ego_speed [km/h]`; groups: name, unit
-_WITH_UNIT = re.compile(r"(\w+)\s*[(\[]([^()\[\]]*)[)\]]")
+_WITH_UNIT = re.compile(r"([\w.]+)\s*[(\[]([^()\[\]]*)[)\]]")
 _TOO_LARGE = 1e100  # numbers from here on are refused: the squares of larger ones are infinite
 
 

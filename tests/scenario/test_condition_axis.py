@@ -13,6 +13,7 @@ from sumo_eval.cosim import simulate
 from sumo_eval.drivers.recorded.exposure import exposure_of
 from sumo_eval.scenario import catalogue
 from sumo_eval.scenario.file import check_file, scenario_from
+from sumo_eval.scenario.number_table import read_numbers
 from sumo_eval.scenario.shipped_files import scenario_files
 from sumo_eval.settings import DriverSettings, ExposureSettings
 
@@ -52,6 +53,13 @@ def logical(tmp_path):
     (tmp_path / EXAMPLE.name).write_text(EXAMPLE.read_text())
     (tmp_path / "keeps.py").write_text(POLICY)
     return catalogue.find(EXAMPLE.name, tmp_path)
+
+
+def test_column_of_a_condition_may_name_a_unit(tmp_path):
+    path = tmp_path / "points.csv"
+    path.write_text("conditions.perception_delay (ms),gap (m)\n300,20\n")
+    units = {"conditions.perception_delay": "s", "gap": "m"}
+    assert read_numbers(path, "points", units).rows.tolist() == [[0.3, 20.0]]
 
 
 def test_delay_and_range_are_axes_that_only_the_ads_feels(logical, tmp_path):
