@@ -15,8 +15,8 @@ from sumo_eval.scenario.sampling.adaptive import (
     spread,
 )
 from sumo_eval.scenario.sampling.request import Request
-from sumo_eval.scenario.sampling.samples import sample
-from sumo_eval.scoring.confidence.next_round import variance_in_cells
+from sumo_eval.scenario.sampling.samples import Sample, sample
+from sumo_eval.scoring.confidence.next_round import _collided_half_width, variance_in_cells
 from tests.scenario.test_samplers import axis, space
 
 BOX = space(axis("a"), axis("b"))
@@ -122,6 +122,22 @@ def test_a_cell_that_shows_no_difference_by_chance_is_not_given_up():
     found = variance_in_cells(np.array([0.0, 1.0, 0.0, 0.0]), np.array([0, 0, 1, 1]), 2)
     # squares 0.5 and 0; common 0.5 / (4 - 2) = 0.25; (0.5 + 0.25) / 2, (0 + 0.25) / 2
     assert found.tolist() == [0.375, 0.125]
+
+
+def test_points_that_end_alike_do_not_make_the_share_that_collides_certain():
+    """No collision at n points leaves open a share of 3/n. So sampling goes on up to `until`."""
+    for n in (8, 64):
+        even = Sample(
+            np.zeros((n, 1)), np.empty((0, 1)), np.ones(n),
+            stands_for=np.ones(n), stratum=np.repeat([0, 1], n // 2)
+        )  # fmt: skip
+        cell = np.repeat([0.0, 1.0], n // 2)
+        for hit in (np.zeros(n), np.ones(n), cell):
+            assert _collided_half_width(hit, even, np.arange(n)) == pytest.approx(1.5 / n)
+        mixed = np.tile([0.0, 1.0], n // 2)
+        assert _collided_half_width(mixed, even, np.arange(n)) == pytest.approx(
+            1.96 * 0.5 / np.sqrt(n - 2), rel=1e-3
+        )
 
 
 @pytest.mark.parametrize(

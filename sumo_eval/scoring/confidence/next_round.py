@@ -24,7 +24,7 @@ from sumo_eval.scenario.sampling.adaptive import (
 )
 from sumo_eval.scenario.sampling.samples import Sample
 from sumo_eval.scoring.case_terms import CaseTerms, case_terms, point_values
-from sumo_eval.scoring.confidence.intervals import LEVEL
+from sumo_eval.scoring.confidence.intervals import LEVEL, UNSEEN
 from sumo_eval.settings import SamplingSettings
 from sumo_eval.trajectory import FloatArray, IntArray
 
@@ -202,6 +202,9 @@ def _collided_half_width(hit: FloatArray, points: Sample, place: IntArray) -> fl
     of n points in a cell is s^2 / n. A round's weight is its share of all points. Rounds are
     uncorrelated, because the expected value of each is the mean of the space, whatever the earlier
     rounds were.
+
+    Where the points of each cell end alike, this variance is 0. But n points without a collision
+    leave open a share of 3/n, so half the interval is at least half of that.
     """
     assert points.stratum is not None  # every adaptive sample has both
     assert points.stands_for is not None
@@ -212,4 +215,5 @@ def _collided_half_width(hit: FloatArray, points: Sample, place: IntArray) -> fl
     # points have one weight.
     squares = np.bincount(stratum, (weight * (hit - mean[stratum])) ** 2)
     variance = float(np.sum(squares * number / np.maximum(number - 1, 1)))
-    return float(ndtri(0.5 + LEVEL / 2.0)) * math.sqrt(variance)
+    half = float(ndtri(0.5 + LEVEL / 2.0)) * math.sqrt(variance)
+    return max(half, 0.5 * UNSEEN / len(hit))
