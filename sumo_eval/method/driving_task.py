@@ -170,8 +170,8 @@ def clean_references(drives: Iterable[Trajectory], road: Road, margin: float) ->
 
 
 def asked_way(begin: float, references: Sequence[Trajectory]) -> AskedWay | None:
-    """The asked way of a point: from the ego's start to `SHORT_OF_THE_END` before the end of the
-    shortest reference; None without a reference.
+    """The asked way of a point: from the ego's start, or the first start of a reference ahead of
+    it, to `SHORT_OF_THE_END` before the end of the shortest reference; None without a reference.
 
     begin: x of the ego's start, m.
     references: drives of those references at the point that had no incident, in road coordinates,
@@ -182,7 +182,9 @@ def asked_way(begin: float, references: Sequence[Trajectory]) -> AskedWay | None
     end = min(drive.x.max() for drive in references) - SHORT_OF_THE_END
     # 1e-9 m is rounding: a place at the end itself counts
     places = np.arange(begin + PLACE_SPACING, end + 1e-9, PLACE_SPACING)
-    return AskedWay(places, np.max([times_at(drive, places) for drive in references], axis=0))
+    slowest = np.max([times_at(drive, places) for drive in references], axis=0)
+    timed = slowest > 0.0  # no reference has a time at a place behind the start of all of them
+    return AskedWay(places[timed], slowest[timed])
 
 
 def task_share(

@@ -163,6 +163,15 @@ def test_an_incident_leaves_nothing_and_no_reference_no_share():
     assert asked_way(0.0, []) is None
 
 
+def test_a_reference_that_starts_ahead_has_t_1_and_the_way_begins_where_it_starts():
+    """No reference drove the 20 m before, so they are no part of the way."""
+    early = drive(20.0, 10.0)
+    ahead = replace(early, x=early.x + 20.0)
+    assert share(ahead, ahead) == 1.0
+    assert asked_way(0.0, [ahead]).places[0] == 21.0
+    assert asked_way(0.0, [ahead, early]).places[0] == 1.0
+
+
 def test_behind_a_missed_lane_change_nothing_counts():
     """95 of the 195 places lie at most at x = 95, where the change should have been made."""
     reference, way = drive(10.0, 20.0), Way(3.5, 20.0, 95.0, ends=False)
