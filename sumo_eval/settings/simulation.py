@@ -115,7 +115,8 @@ class ConditionSettings(Checked):
     occlusion: bool = setting(
         False, "a vehicle covered to 80 % of its width by a nearer one is not seen"
     )
-    actuation_delay: NotNegativeFloat = setting(
+    # commands of as many steps wait in memory
+    actuation_delay: Annotated[NotNegativeFloat, Le(100.0)] = setting(
         0.0, "time until a Command reaches the vehicle", "s"
     )
     step_budget: PositiveOrNone = optional(
