@@ -212,6 +212,11 @@ mine.py:Counting?period=soon | must be a number greater than 0 s, got 'soon'
 mine.py:Counting?options.gian=2
 | Unknown option `gian` of ADS `mine.py:Counting`. Did you mean `gain`?
 mine.py:function?options.gain=2 | takes no `options`
+mine.py:Counting?gain=2
+| The options of ADS `mine.py:Counting?gain=2` must be of the form period=SECONDS&options.NAME=VALUE
+mine.py:Counting?perod=0.2&options.gain=2
+| must be of the form period=SECONDS&options.NAME=VALUE, got 'perod=0.2'
+idm?headway=1 | of ADS `idm?headway=1` must be of the form period=SECONDS&options.NAME=VALUE, got
 idm?period=0.2 | ADS `idm` drives at every step; it takes no `period`
 sumo:IDM?tau=2&period=0.2 | drives at every step; it takes no `period`
 sumo:IDM?options.tau=2 | takes no `options`

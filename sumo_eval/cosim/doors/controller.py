@@ -22,7 +22,15 @@ from math import inf, isnan, nan
 from pathlib import Path
 from typing import Any, Protocol, cast
 
-from sumo_eval.cosim.doors.entry import PLAIN, Entry, check_options, made, read_query, split_entry
+from sumo_eval.cosim.doors.entry import (
+    ENTRY_FORM,
+    PLAIN,
+    Entry,
+    check_options,
+    made,
+    read_query,
+    split_entry,
+)
 from sumo_eval.cosim.doors.traci_module import TRACI, seen_as_traci
 from sumo_eval.cosim.doors.traci_numbers import finite_number, shown
 from sumo_eval.cosim.plans import Plan, Wanted
@@ -360,6 +368,10 @@ def find_controller(locator: str, folder: Path | None = None) -> Any:
 
 def _check_form(locator: str) -> None:
     """Raise InputError unless a locator is of the form `module:name` or `file.py:name`."""
+    name, mark, pairs = (locator.partition(":")[2] or locator).partition("?")
+    # a name of Python has no `?`: these are pairs that `split_entry` did not know
+    if mark and "=" in pairs and "/" not in name:
+        raise must_be("The options", f"ADS `{locator}`", f"of the form {ENTRY_FORM}", pairs)
     if hint := _other_way(locator):
         raise InputError(
             f"ADS `{locator}` must be one that ships, or of the form `module:name` or "

@@ -30,6 +30,7 @@ _OWN = "period=", "batch=", "options."  # beginnings of an entry's pairs
 # The `?` before the entry: after it a key of the entry follows, directly or after other pairs of
 # the same query. Any other `?` belongs to a command or a value.
 _ENTRY = re.compile(rf"\?(?=([^?]*&)?({'|'.join(map(re.escape, _OWN))}))")
+ENTRY_FORM = "period=SECONDS&options.NAME=VALUE"
 LOAD_ONCE = "load_once"
 """The name of a class method that loads what all objects of the class share."""
 
@@ -76,7 +77,7 @@ def _read_entry(query: str, owner: str) -> Entry:
     owner: for error messages.
     """
     period, batch, options = 0.0, True, {}
-    for name, text in read_query(query, owner, "period=SECONDS&options.NAME=VALUE").items():
+    for name, text in read_query(query, owner, ENTRY_FORM).items():
         value = _value(text)
         if name == "period":
             if type(value) not in (int, float) or not 0.0 < value <= sys.float_info.max:
