@@ -219,3 +219,9 @@ def test_every_case_has_a_program_of_its_own():
 def test_a_command_that_cannot_be_run_is_refused_before_anything_runs(locator, sentence):
     with refused(sentence):
         simulate(case(), locator)
+
+
+def test_a_program_that_may_not_be_executed_is_refused_with_the_remedy(tmp_path):
+    (tmp_path / "mine.py").write_text("print('{}')\n")
+    with refused("the file `./mine.py` must be executable; `chmod +x` makes it so"):
+        simulate(case(), "exec:./mine.py --fast", folder=tmp_path)

@@ -48,6 +48,11 @@ def checked_command(command: str, folder: Path, scheme: str) -> tuple[str, ...]:
     # name without a slash.
     path = os.path.join(folder, program) if os.sep in program else program
     if shutil.which(path, path=search_path()) is None:
+        if os.sep in program and os.path.isfile(path):
+            raise InputError(
+                f"{owner}: the file `{program}` must be executable; `chmod +x` makes it so, or "
+                f"name what runs it, e.g. `{scheme}:python3 {command}`."
+            )
         raise InputError(f"{owner}: there is no program `{program}` that can be run.")
     return words
 
