@@ -60,7 +60,8 @@ class Command:
         if (acceleration is ...) == (speed is None) and (
             speed is None or acceleration == acceleration
         ):
-            raise TypeError("a Command takes an acceleration or a speed, one of both")
+            got = "neither" if speed is None else "both"
+            raise TypeError(f"a Command takes an acceleration or a speed, got {got}")
         _SET_ACCELERATION(self, math.nan if acceleration is ... else acceleration)
         _SET_STEERING(self, steering)
         _SET_SPEED(self, speed)

@@ -364,3 +364,12 @@ def test_tyres_of_the_dynamic_model_slip_at_the_friction_circle():
     stop, _ = drive_dynamic(10.0, 0.0, 3.0, wanted=-9.0)
     straight, _ = run(driving(10.0), Command(-9.0), 0.05, 3.0)
     assert stop[0] == pytest.approx(straight[-1].x, abs=1e-9)
+
+
+@pytest.mark.parametrize(
+    "given_to_it, got",
+    [({"acceleration": 1.0, "speed": 2.0}, "both"), ({"steering": 0.2}, "neither")],
+)
+def test_a_command_says_whether_it_got_both_or_neither(given_to_it, got):
+    with pytest.raises(TypeError, match=f"takes an acceleration or a speed, got {got}"):
+        Command(**given_to_it)
