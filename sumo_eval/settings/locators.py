@@ -10,6 +10,7 @@ import importlib
 import importlib.util
 import os
 import sys
+from contextlib import suppress
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -63,8 +64,9 @@ def _load_module(name: str, folder: Path | None, owner: str) -> ModuleType:
 
 def _load_file(file: str, folder: Path | None, owner: str) -> ModuleType:
     path = Path(os.path.realpath((folder or Path()) / file))  # a loop of links raises no error
-    if not os.path.exists(path):  # `Path.exists` raises for a long name
-        raise InputError(f"{owner}: there is no file {path}.")
+    with suppress(OSError):  # of a name that is too long: `hash_of` refuses it
+        if not path.exists():
+            raise InputError(f"{owner}: there is no file {path}.")
     try:
         content = hash_of(path, "file")
     except InputError as error:

@@ -311,7 +311,7 @@ def test_an_infinite_density_at_a_point_is_refused(file):
     """With it every mean over the points would be nan."""
     beta = 'distribution = { name = "beta", a = 0.5, b = 0.5, loc = 15.0, scale = 20.0 }'
     file.write_text(re.sub("distribution = .*", beta, EXAMPLE))
-    with refusal("must be finite and at least 0 at every point, got 'inf at ego_speed=15"):
+    with refusal("must be finite and at least 0 at each point, got 'inf at ego_speed=15"):
         sample(read_scenario(file))
 
 

@@ -25,6 +25,6 @@ def test_a_module_whose_names_fail_is_refused_in_a_sentence(tmp_path):
         load_object("lazy.py:Ads", tmp_path, "ADS")
 
 
-def test_a_name_that_is_too_long_for_a_file_is_no_file(tmp_path):
-    with refusal("there is no file"):
+def test_a_name_that_is_too_long_for_a_file_is_refused(tmp_path):
+    with refusal("File name too long"):
         load_object(f"{'a' * 300}.py:Ads", tmp_path, "ADS")

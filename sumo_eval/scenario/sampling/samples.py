@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from sumo_eval.errors import InputError, SumoEvalError, check_known, users_code
+from sumo_eval.errors import InputError, SumoEvalError, check_known, must_be, users_code
 from sumo_eval.frozen import frozen
 from sumo_eval.scenario.formats import formats
 from sumo_eval.scenario.logical import LogicalScenario
@@ -25,7 +25,7 @@ from sumo_eval.scenario.sampling.drawn_points import by_exposure, by_exposure_an
 from sumo_eval.scenario.sampling.grid import full_grid
 from sumo_eval.scenario.sampling.listed_points import from_csv, from_function
 from sumo_eval.scenario.sampling.request import Drawn, Levels, Request, Steps, owner_of
-from sumo_eval.text import capitalised
+from sumo_eval.text import capitalised, point_words
 from sumo_eval.trajectory import BoolArray, FloatArray, IntArray
 
 
@@ -112,6 +112,10 @@ def sample(
     exposure = _rows(drawn.exposure, feasible)
     if exposure is None:
         exposure = logical.exposures(points).astype(float)
+    wrong = ~(np.isfinite(exposure) & (exposure >= 0.0))
+    if wrong.any():  # the density of a distribution may be infinite at an end of its range
+        got = f"{exposure[wrong][0]:g} at {point_words(logical.point(points[wrong][0]))}"
+        raise must_be("The exposure", owner_of(logical), "finite and at least 0 at each point", got)
     stands_for, stratum = _rows(drawn.stands_for, feasible), _rows(drawn.stratum, feasible)
     return Sample(points, refused, exposure, drawn.notes, method, stands_for, stratum)
 
