@@ -13,7 +13,7 @@ import numpy as np
 from sumo_eval.nightly.rule_limits import EVERYWHERE, WORDS, end_change, judge_rule
 from sumo_eval.report.gate_result import MOST_KEYS, MOST_NAMED, CaseChange, GateResult, in_order
 from sumo_eval.report.score_words import not_computed, reason_without
-from sumo_eval.report.words import count, number
+from sumo_eval.report.words import confidence_words, count, number
 from sumo_eval.results import Evaluation, ScenarioResult
 from sumo_eval.scoring.case_terms import SCORES
 from sumo_eval.scoring.comparison import AdsComparison, Comparison, QuantityChange
@@ -191,7 +191,7 @@ def _moved(quantity: str, change: QuantityChange, unit: str, confidence: float) 
     if change.low is not None and change.high is not None:
         moved += (
             f", difference within {change.low:+z.4g} to {change.high:+z.4g} "
-            f"({100.0 * confidence:z.6g}%)"
+            f"({confidence_words(confidence)})"
         )
     return moved
 

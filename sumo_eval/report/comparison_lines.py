@@ -12,7 +12,7 @@ from sumo_eval.groups import grouped
 from sumo_eval.report.gate_result import GateResult, LimitName, failed
 from sumo_eval.report.page import REPORT, case_key
 from sumo_eval.report.verdict import verdict
-from sumo_eval.report.words import count, number, one_line
+from sumo_eval.report.words import confidence_words, count, number, one_line
 from sumo_eval.results import Evaluation
 from sumo_eval.scoring.case_terms import SCORES
 from sumo_eval.scoring.comparison import (
@@ -187,5 +187,5 @@ def quantity_words(name: str, change: QuantityChange, confidence: float) -> str:
     moved, low, high = (
         f"{value:+z.{digits}f}" for value in (change.difference, change.low, change.high)
     )
-    interval = f"({100.0 * confidence:z.6g}% interval of the difference: {low} to {high})"
+    interval = f"({confidence_words(confidence)} interval of the difference: {low} to {high})"
     return f"{old} -> {new}, {moved} {interval}"

@@ -133,6 +133,11 @@ def percent(share: float | None) -> str:
     return f"{shown:z.15g} %"
 
 
+def confidence_words(confidence: float) -> str:
+    """`95%`; digits of the setting are not rounded away: `99.5%`."""
+    return f"{100.0 * confidence:z.6g}%"
+
+
 def _rounded_as(value: float, part: float) -> float:
     """A value with as many decimals as give a part of it three significant digits."""
     return round(value, max(0, 2 - math.floor(math.log10(abs(part)))) if part else 0)

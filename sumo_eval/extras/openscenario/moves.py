@@ -293,12 +293,10 @@ def _keep_distance(traffic: FileTraffic, element: Node, entity: Entity, begin: M
         place_apart(traffic, element, entity)
         return Span(begin, begin.time)
     other, apart, gap = _apart(traffic, element, entity)
-    driven = (
-        entity.pace - other.pace
-    ) * begin.time  # m by which it is further ahead when it begins
-    if element.text("displacement", "any") == "any" and (
-        (entity.frame.x + driven >= other.frame.x) != (entity.frame.x >= other.frame.x)
-    ):
+    # m by which it is further ahead, relative to the other, when it begins
+    gained = (entity.pace - other.pace) * begin.time
+    leads_now, leads_then = (entity.frame.x + it >= other.frame.x for it in (0.0, gained))
+    if element.text("displacement", "any") == "any" and leads_now != leads_then:
         raise element.fault(
             f"its `displacement` must say whether `{entity.name}` leads, as it may pass "
             f"`{other.name}` before"
