@@ -78,14 +78,11 @@ class Expression:
 
     @property
     def sides(self) -> Iterator[Expression]:
-        """The numbers that a condition compares."""
-        nodes = [_tree(self.text)]
-        while nodes:
-            name, parts = operation(nodes.pop())
-            if name in ("And", "Or", "Not"):
-                nodes += parts
-            else:
-                yield from (Expression(ast.unparse(part)) for part in parts)
+        """The numbers that its comparisons compare."""
+        for node in ast.walk(_tree(self.text)):
+            if isinstance(node, ast.Compare):
+                for side in (node.left, *node.comparators):
+                    yield Expression(ast.unparse(side))
 
     def value(self, values: Mapping[str, ArrayLike]) -> Any:
         """The value as an array; inf or nan where it is not defined, as 1 / 0.

@@ -102,12 +102,17 @@ class Requirement:
         """
         numbers, time = dict(known), series["time"]
         for placeholder, function, inner in self.parts:
-            values = np.broadcast_to(inner.value({**known, **series}), time.shape)
+            moment: dict[str, Any] = {**known, **series}
+            values = np.broadcast_to(inner.value(moment), time.shape)
             numbers[placeholder] = float(_OVER_TIME[function](values))
-            if math.isnan(numbers[placeholder]):
-                moments = time[np.isnan(values)]
-                return Verdict(False, float(moments[-1 if function == "at_end" else 0]))
-        # `inf - inf` between values over time; a comparison with nan would be False silently
+            # a comparison with nan would be False silently
+            unknown = [side.value(moment) for side in inner.sides]
+            unclear = time[np.isnan(np.broadcast_arrays(values, *unknown)).any(axis=0)]
+            if function == "at_end":
+                unclear = unclear[unclear == time[-1]]
+            if unclear.size:
+                return Verdict(False, float(unclear[0]))
+        # `inf - inf` between values over time
         if any(math.isnan(side.at(numbers)) for side in self.outer.sides):
             return Verdict(holds=False, undecided=float(time[-1]))
         return Verdict(bool(self.outer.at(numbers)))

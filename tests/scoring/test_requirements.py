@@ -92,6 +92,8 @@ def test_without_a_lead_the_gap_is_infinite():
 min(gap - 2 * ttc) > -1000 | [false, 0.0]
 at_end(gap - ttc) < 1 | [false, 2.0]
 max(where(gap < 1000, gap - ttc, 1)) < 2 | [true, null]
+max(gap - ttc > 2) < 1 | [false, 0.0]
+at_end(where(gap - ttc > 2, 1, 0)) < 1 | [false, 2.0]
 min(gap) - min(ttc) >= 0 | [false, 2.0]
 not (min(gap) - min(ttc) < 0) | [false, 2.0]
 min(gap) > max(thw) or collided == 0 | [true, null]
