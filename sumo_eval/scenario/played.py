@@ -781,24 +781,39 @@ def _approach(
 def wake(cast: Any, now: float, before: float) -> None:
     """Begin the waiting moves of a case whose conditions hold at the end of a step.
 
-    Vehicles whose moves began, and those that match another's motion, are placed again.
+    Where a move began, all are placed again; those that match another's motion always are.
 
     now, before: ends of the step, s.
     """
     for j in range(len(cast.others)):  # first: the end of a path may begin another move
         if cast.plays[j].model == 0:
             _end_path(cast.plays[j], cast.acts[j], cast.pieces[j], cast.table[j], now, before)
-    _find_begins(cast, now, before)
+    begun = False
+    while _begin_moves(cast, now, before):  # a move that ends in this step may begin another
+        begun = True
     for j in range(len(cast.others)):
         play = cast.plays[j]
         if play.model:
             continue
-        acts, pieces, table = cast.acts[j], cast.pieces[j], cast.table[j]
-        begun = begin_due(play, acts, pieces, table, now, True)
         if play.match:
             _match(cast, j, now)
         if begun or play.match:
+            acts, pieces, table = cast.acts[j], cast.pieces[j], cast.table[j]
             place(cast.others[j], play, acts, pieces, table, now, cast.line)
+
+
+@kernel
+def _begin_moves(cast: Any, now: float, before: float) -> bool:
+    """Begin the moves of a case that are due at the end of a step; whether any began."""
+    _find_begins(cast, now, before)
+    begun = False
+    for j in range(len(cast.others)):
+        play = cast.plays[j]
+        if play.model == 0 and begin_due(
+            play, cast.acts[j], cast.pieces[j], cast.table[j], now, True
+        ):
+            begun = True
+    return begun
 
 
 @kernel

@@ -342,6 +342,22 @@ def test_keep_speed_ends_a_brake_and_counts_in_conditions():
         check_points(scenario_of({**BASE, "vehicle": [later, table(follower)]}), [[20.0]])
 
 
+@pytest.mark.parametrize("step", [0.05, 0.5])
+def test_the_end_of_a_move_shorter_than_a_step_begins_the_next(step):
+    # at x(ego) > 70.4, after 1.02 s, a change of 0.03 m/s at 3 m/s2: it takes 0.01 s
+    short = (
+        'name = "lead", x = 150.0, speed = 20.0, manoeuvre = [{ do = "accelerate", name = "a", '
+        'speed = 20.03, acceleration = 3.0, when = "x(ego) > 70.4" }]'
+    )
+    follower = (
+        'name = "{}", x = {}, speed = 10.0, manoeuvre = [{{ do = "accelerate", name = "a", '
+        'speed = 10.03, acceleration = 3.0, when = "ended({}, a)" }}]'
+    ).format
+    chain = [follower("first", 90.0, "second"), follower("second", 60.0, "lead"), short]
+    logical = scenario_of({**BASE, "vehicle": [*map(table, chain)]})
+    assert drive(logical, step).begins[0] == pytest.approx([1.04, 1.03, 1.02])
+
+
 def test_an_ego_that_starts_sideways_drives_on_so_where_conditions_ask():
     # 20 m/s, 2 of them to the left: the lateral place 3 m is reached after 1.5 s
     sideways = scenario_of(BASE | tomllib.loads("""
