@@ -97,16 +97,16 @@ class EpisodeRows:
         egos["command"]["acceleration"] = commands[:, 0]
         egos["command"]["steering"] = commands[:, 1]
         stage = self._stage
-        steps = world.steps
-        count, gone = world.move(to_sumo=0 if stage is None else stage.sends(world))
+        to_sumo, compares = (0, False) if stage is None else stage.exchange(world)
+        count, gone = world.move(to_sumo=to_sumo)
         if stage is not None:
             stage.put_aside(gone)
             stage.tell(world, count)
             # at step 0 all rows begin: SUMO may have the starts of cases that others replaced
-            for row in np.flatnonzero(egos["begun"] == steps).tolist():
+            for row in np.flatnonzero(egos["begun"] == world.steps).tolist():
                 stage.begin_again(world, row)
             stage.step()
-            if stage.compares(steps):
+            if compares:
                 stage.compare(world)
         if not world.see():
             return np.empty(0, np.intp)

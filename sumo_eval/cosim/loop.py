@@ -47,9 +47,10 @@ def drive(world: World, driver: EgoControl, stage: Stage) -> None:
             sampling = steps_after % every == 0
             if sampling:
                 world.room_for_samples()
+            to_sumo, compares = stage.exchange(world)
             # as_read: actors are where SUMO shows them; count: rows of `world.tell` to send; gone:
             # numbers of actors that left their last lane
-            count, gone = world.move(to_sumo=stage.sends(world), as_read=stage.as_read)
+            count, gone = world.move(to_sumo=to_sumo, as_read=stage.as_read)
             moved = 1
             if gone:
                 stage.put_aside(gone)
@@ -58,7 +59,7 @@ def drive(world: World, driver: EgoControl, stage: Stage) -> None:
                 stage.step()
                 driver.after(world, now)
                 stage.read(world)
-                if stage.compares(world.steps):
+                if compares:
                     stage.compare(world)
             except stage.traci.TraCIException as error:
                 if not stage.ads_asks:  # no ADS may ask SUMO

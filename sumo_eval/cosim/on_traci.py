@@ -265,7 +265,7 @@ class _Hook:
         started = perf_counter()
         GUARD.moved = GUARD.placed = False
         try:
-            if not GUARD.shared:
+            if GUARD.listeners._stepListeners:  # never where ADSs share SUMO
                 GUARD.call_listeners()
             answer = self._act(TRACI, EGO, time)
         # Ctrl-C. In a child process, one that the ADS raised is a RuntimeError by now: the watch

@@ -51,8 +51,10 @@ CHECKED_EVERY = 10  # steps
 ASIDE = -500.0  # m, y of a hidden vehicle
 # place, m, angle, deg, and speed, m/s, of an actor whose leaving of SUMO has been recorded
 _NOT_THERE = (0.0, 0.0, STRAIGHT, 0.0)
+# writes the values of a vehicle into an array faster than numpy does
+_SHOWN = Struct("4d")
 # of a vehicle that SUMO does not know any more; `World.read` takes in no vehicle with nan
-_UNKNOWN = (math.nan,) * 4
+_UNKNOWN = (math.nan, math.nan), math.nan, math.nan
 # `keepRoute` of moveToXY: SUMO looks for the road, and the vehicle may be off the road
 _ANY_ROAD = 2
 # the road is the vehicle's own, and the vehicle may be off the road
@@ -148,22 +150,17 @@ class Stage:
                 if departure_speed(actor) < actor.start.speed:
                     calls.setPreviousSpeed(name, actor.start.speed)
 
-    def sends(self, world: World) -> int:
-        """`to_sumo` of `move_rows`: the vehicles that SUMO receives in the coming step.
+    def exchange(self, world: World) -> tuple[int, bool]:
+        """`to_sumo` of `move_rows`, the vehicles that SUMO receives in the coming step, and whether
+        SUMO and the world are compared after it: in the first and in every tenth step.
 
         Near the road's end SUMO receives them at every step. Otherwise it would drive on a vehicle
         that slows down by its script, and remove it at the end.
         """
-        sends = (
-            self.ads_asks or self.compares(world.steps) or world.may_leave(world.time + self._step)
-        )
-        return self._to_sumo if sends else 0
-
-    def compares(self, steps: int) -> bool:
-        """Whether SUMO and the world are compared in the step after `steps`: in the first and every
-        tenth step.
-        """
-        return not self.as_read and (steps == 0 or (steps + 1) % CHECKED_EVERY == 0)
+        steps = world.steps
+        compares = not self.as_read and (steps == 0 or (steps + 1) % CHECKED_EVERY == 0)
+        sends = self.ads_asks or compares or world.may_leave(world.time + self._step)
+        return (self._to_sumo if sends else 0), compares
 
     def _move(self, number: int, x: float, y: float, angle: float, speed: float) -> None:
         """Put the front bumper of a vehicle where it is on the map at the step's end.
@@ -244,8 +241,10 @@ class Stage:
         more than drive straight ahead. The actors that remain are for `read`.
         """
         calls = self.calls
-        values: list[float] = []
-        for name in self._names or self._find_names():
+        names = self._names or self._find_names()
+        write = _SHOWN.pack_into
+        place = 0  # of the vehicle's values, bytes
+        for name in names:
             try:
                 front = calls.getPosition(name)
                 angle = calls.getAngle(name)
@@ -253,14 +252,14 @@ class Stage:
             except self.traci.TraCIException:  # it has left SUMO
                 if self._alone and name == self._flat[0]:  # the ego
                     raise
-                values += _UNKNOWN
+                front, angle, speed = _UNKNOWN
                 self.fronts.pop(name, None)  # so its row, if it is an ego, leaves the batch
                 self.speeds.pop(name, None)
-                continue
-            values += front
-            values += angle, speed
-            self.fronts[name], self.speeds[name] = front, speed
-        self._pack(self._values, 0, *values)
+            else:
+                self.fronts[name], self.speeds[name] = front, speed
+            x, y = front
+            write(self._values, place, x, y, angle, speed)
+            place += _SHOWN.size
         remaining = world.read(self._numbers, self._values, self._odd)
         if not remaining and not self._unread:  # in most steps
             return []
@@ -285,9 +284,7 @@ class Stage:
         numbers = [row * width + j for row, j in cells if not j or present[row, j - 1]]
         self._numbers = np.array(numbers)
         self._odd = np.zeros_like(self._numbers)
-        self._values = np.empty((len(self._numbers), 4))  # as in `World.shown`
-        # writes numbers into an array: faster than `np.array` of a list, for few and for many
-        self._pack: Any = Struct(f"{self._values.size}d").pack_into
+        self._values: Any = np.empty((len(self._numbers), 4))  # as in `World.shown`
         self._names = [self._flat[number] for number in numbers]
         return self._names
 

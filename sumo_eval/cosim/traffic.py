@@ -127,9 +127,10 @@ class Traffic(Stage):
                     self._received_speeds[name] = along
                     calls.setPreviousSpeed(name, along)
 
-    def sends(self, world: World) -> bool:
-        """`to_sumo` of `move_rows`, 1: vehicles that react see all others at every step."""
-        return True
+    def exchange(self, world: World) -> tuple[int, bool]:
+        """As of `Stage`, but SUMO receives all vehicles: those that react see them."""
+        _, compares = super().exchange(world)
+        return 1, compares
 
     def _hide(self, name: str) -> None:
         """Put a shadow beside the road."""

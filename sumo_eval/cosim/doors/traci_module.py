@@ -232,8 +232,7 @@ class Guard:
 
     def call_listeners(self) -> None:
         """Call every step listener of the ADS, as TraCI does after each step."""
-        if self.listeners._stepListeners:
-            self.listeners.manageStepListeners(0.0)
+        self.listeners.manageStepListeners(0.0)
 
     def end(self) -> None:
         """Count the calls that SUMO ignored, and remove every listener: its `cleanUp` is called."""
