@@ -83,7 +83,9 @@ class EgoControl:
         concrete = world.cases[0]
         settings = world.settings
         others = [actor.name for actor in concrete.actors]
-        GUARD.begin(others, settings.step, settings.conditions.interference, heeding(concrete))
+        lateral_speed = concrete.road.lane_width / settings.lane_change_duration
+        interference = settings.conditions.interference
+        GUARD.begin(others, settings.step, interference, heeding(concrete), lateral_speed)
         stage.take_charge(world)
         conditions = [settings.conditions for settings in world.each]
         # 0: only a step budget makes notes, and a case with a step budget is alone

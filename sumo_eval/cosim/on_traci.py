@@ -45,7 +45,6 @@ from sumo_eval.scenario.concrete import ConcreteScenario
 from sumo_eval.trajectory import IntArray
 
 _SETTLED = first_number("settled")
-_AT_ONCE = 1000.0  # m/s across, at which SUMO changes lanes within a step
 
 
 class OnTraci(EgoControl):
@@ -174,7 +173,6 @@ class _Hook:
         self.road = self.motion.road
         self._executor = Executor(settings, partial(world.note, case), self.road.line)
         self._delay = settings.conditions.actuation_delay
-        self._hurries = False  # whether SUMO's lane changes take a step, not their usual duration
 
     def reset(self, world: World, time: float) -> None:
         """Reset the ADS."""
@@ -305,11 +303,8 @@ class _Hook:
             if self.motion.flags[PLACED] == SUMO:
                 self._calls.setSpeedMode(self.ego, EXACT_SPEED_MODE)
                 self.motion.flags[PLACED] = MODEL
-                self._hurries = self.motion.state[HEADING] != 0.0
-                if self._hurries:
-                    # SUMO may be within a lane change, and crashes at its middle if the vehicle
-                    # model has moved the ego to the last lane by then: let the next step finish it
-                    self._traci.vehicle.setMaxSpeedLat(self.ego, _AT_ONCE)
+                if self.motion.state[HEADING] != 0.0:
+                    GUARD.finish_change(self.ego)  # SUMO may be within one
                 # turns the ego and its wheels as if the vehicle model had driven the curve so far
                 corner(self.motion.mine, self.motion.curvature, self.motion.limits)
                 if self._world.steps == 0:
@@ -325,9 +320,7 @@ class _Hook:
             world.note(self._case, "vehicle_model_not_used", 1.0, 0.0)
         if self.motion.flags[PLACED] != SUMO:
             self._calls.setSpeedMode(self.ego, EGO_SPEED_MODE)
-            if self._hurries:
-                usual = self.road.lane_width / world.settings.lane_change_duration
-                self._traci.vehicle.setMaxSpeedLat(self.ego, usual)
+            GUARD.change_as_usual(self.ego)
             self.motion.flags[PLACED] = SUMO
             self.motion.flags[STALE] = 1  # SUMO begins to move it in this step
         elif not self._native and GUARD.mode_may_differ:

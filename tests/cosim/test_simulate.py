@@ -585,6 +585,36 @@ def test_a_lane_change_by_sumo_is_driving_at_any_speed(speed, y, lane):
     assert np.abs(np.diff(found.ego.heading)).max() < 0.2
 
 
+def test_an_ads_may_move_its_vehicle_across_the_line_within_a_lane_change():
+    """SUMO would crash at the middle of the change."""
+
+    def ads(traci, ego, time):
+        changes_to(1)(traci, ego, time)
+        x, y = traci.vehicle.getPosition(ego)
+        if time > 0.52:
+            traci.vehicle.moveToXY(ego, "", -1, x + 1.0, min(y + 0.1, 3.5), 90.0, 2)
+
+    found = simulate(case(), ads, SimulationSettings(time_limit=4.0))
+    assert_ended(found)
+    assert_last(found, y=3.5)
+
+
+def test_an_adss_own_lateral_speed_holds_after_its_commands():
+    """A Command within a lane change makes SUMO finish that change in one step."""
+    limit = []
+
+    def ads(traci, ego, time):
+        if time == 0.0:
+            traci.vehicle.setMaxSpeedLat(ego, 0.6)
+        changes_to(1)(traci, ego, time)
+        limit.append(traci.vehicle.getMaxSpeedLat(ego))
+        return Command(0.0) if 1.0 < time < 1.12 else None
+
+    simulate(case(), ads, SimulationSettings(time_limit=3.0))
+    assert limit[-1] == 0.6
+    assert max(limit) == 1000.0
+
+
 def test_braking_while_sumo_changes_lane_is_within_the_limits():
     def ads(traci, ego, time):
         changes_to(1)(traci, ego, time)

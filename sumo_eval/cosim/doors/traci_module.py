@@ -54,6 +54,10 @@ and none of them is `IGNORED`."""
 # Values of `keepRoute` of moveToXY: 1 keeps the vehicle on its route, 2 keeps its exact position,
 # also off the lanes, and 3 does both. In a case that is alone, 2 and 3 do the same.
 _ON_ITS_ROUTE, _ANYWHERE, _ANYWHERE_ON_ITS_ROUTE = 1, 2, 3
+_AT_ONCE = 1000.0  # m/s across, at which SUMO changes lanes within a step
+_UNSET = 1.0  # m/s; SUMO's largest lateral speed, which no lane change has
+# calls for which the ego's largest lateral speed matters
+_OF_CHANGES = ("changeLane", "changeLaneRelative", "setMaxSpeedLat")
 # calls that start, load or close SUMO
 _RUNNING = ("close", "start", "load", "loadState", "init", "switchConnection", "setOrder")
 
@@ -113,13 +117,16 @@ class Guard:
         step: float,
         interference: Literal["refuse", "record"],
         heeding: Iterable[str] = (),
+        lateral_speed: float = 1.0,
     ) -> None:
         """Begin a case: no listeners, nothing counted.
 
         others: names of the other vehicles; their types have the same names.
         step: s.
         heeding: keys of `WHY_IGNORED` that exist in the case, so that their calls have an effect.
+        lateral_speed: m/s, of a lane change that takes the settings' duration.
         """
+        self.lateral_speed = lateral_speed
         self.others = frozenset(others)
         self.step = step
         self.interference = interference
@@ -130,6 +137,8 @@ class Guard:
         self.ignorable = Counter[str]()  # number of each call that SUMO may ignore
         # whether a call has moved the ego since the step began, and whether a call has placed it
         self.moved = self.placed = False
+        # largest lateral speeds of egos while `finish_change` holds, m/s, by names in SUMO
+        self.lateral_speeds: dict[str, float] = {}
         self.refusal: tuple[str, str] | None = None  # `deed` and `why` of `refuse`
         self.names = SumoNames()
         self.mode_may_differ = True  # whether the ADS may have changed the ego's speed mode
@@ -176,6 +185,22 @@ class Guard:
             self.leave()
         keep_route = _ANYWHERE_ON_ITS_ROUTE if args[5] == _ANYWHERE else args[5]
         return ("road", *args[1:5], keep_route)
+
+    def finish_change(self, ego: str) -> None:
+        """Let SUMO finish a lane change in its next step: it crashes at the middle of the change if
+        something else has moved the ego to the target lane by then.
+
+        ego: its name in SUMO.
+        """
+        if ego not in self.lateral_speeds:
+            speed = libsumo.vehicle.getMaxSpeedLat(ego)
+            self.lateral_speeds[ego] = self.lateral_speed if speed == _UNSET else speed
+            libsumo.vehicle.setMaxSpeedLat(ego, _AT_ONCE)
+
+    def change_as_usual(self, ego: str) -> None:
+        """Undo `finish_change`, if there was one."""
+        if ego in self.lateral_speeds:
+            libsumo.vehicle.setMaxSpeedLat(ego, self.lateral_speeds.pop(ego))
 
     def note_interference(self, what: str, deed: str, why: str) -> None:
         """Refuse or count a call that the ADS may not make.
@@ -280,6 +305,10 @@ def _vehicle_writer(call: str, write: _Call) -> _Call:
         GUARD.check("vehicle", call, vehID, args, kwargs)
         if ignored and vehID == EGO:
             GUARD.ignorable[call] += 1
+        if call == "moveToXY" and vehID == GUARD.names[EGO]:
+            GUARD.finish_change(vehID)
+        elif call in _OF_CHANGES:
+            GUARD.change_as_usual(vehID)
         answer = write(vehID, *args, **kwargs)
         # from here on SUMO's model drives the ego; after setSpeed only if the speed is negative
         if (
