@@ -25,7 +25,7 @@ from sumo_eval.scoring.comparison import (
 )
 from sumo_eval.text import point_words
 
-MOST_CHANGES = 10  # of one kind on a terminal; the report has all of them
+MOST_CHANGES = 10  # of one kind on a terminal; `--junit` lists all
 
 
 def comparison_lines(
@@ -69,7 +69,8 @@ def _changed_lines(part: AdsComparison) -> Iterator[str]:
             moved = moved_words(item, part.units[1])  # unit of U in the new run
             yield "    " + ", ".join([words, *moved])
         if len(cases) > MOST_CHANGES:
-            yield f"    and {len(cases) - MOST_CHANGES} more, all in the report."
+            more = len(cases) - MOST_CHANGES
+            yield f"    and {more} more; `sumo-eval compare --junit` lists all."
 
 
 def comparison_notes(comparison: Comparison) -> Iterator[str]:

@@ -16,6 +16,8 @@ SELDOM = 2.0 / 3.0
 """Most contacts a case for which the text says "one every n cases", so that n is at least 1.5."""
 MOST_NAMED = 3
 """ADSs that share the first place and are named; the rest is a number."""
+LITTLE = 0.5
+"""T of the safest ADS below which the text says how much of the driving task it did."""
 _WITHOUT_GRADE = "no ADS has A' in every scenario"
 
 
@@ -113,11 +115,16 @@ def _safest(evaluation: Evaluation, behaviours: Sequence[Behaviour]) -> str:
     if not graded:
         evaluated = any(it.cases > it.not_evaluated for it in behaviours)
         return f"not known: {_WITHOUT_GRADE if evaluated else REASON_WITHOUT_A}."
-    words = f"{graded[0].ads} with {safety_words(evaluation, graded[0])}."
+    best = graded[0]
+    words = f"{best.ads} with {safety_words(evaluation, best)}."
+    if best.task is not None and best.task < LITTLE:
+        words += f" It did {number(best.task, 2)} of the driving task (T)."
     if len(graded) == 1:
         return words
+    if round(best.grade or 0.0, 2) <= 0.0:
+        return "no ADS, no A' is above 0.00."
     other = graded[1].ads
-    pair = harm_beside(evaluation, graded[0].ads, other)
+    pair = harm_beside(evaluation, best.ads, other)
     if pair.less == pair.more == 0:
         # `run.only` may name cases of which the two have none in common
         alike = f"{other} does the same harm in each of {count(pair.common, 'compared case')}."
@@ -150,6 +157,8 @@ def _best(ranking: Ranking, order: Sequence[RankedAds]) -> str:
         return f"none: {REASON_WITHOUT_T}{parts}. Read A' instead."
     if best.s_plus is None:
         return f"none: {_WITHOUT_GRADE}{parts}."
+    if others and not round(best.s_plus, 1):
+        return f"no ADS, every S+ is 0.0{parts}."
     interval = f" ({span(best.interval, 1)})" if best.interval else ""
     points = f"{best.ads} with {number(best.s_plus, 1)} of 100 points{interval}{parts}."
     if not others or others[0].s_plus is None:
@@ -158,7 +167,7 @@ def _best(ranking: Ranking, order: Sequence[RankedAds]) -> str:
     equal = [it.ads for it in others if it.place == best.place]
     if not equal:
         return f"{points} Told apart from {pair.below}, {number(others[0].s_plus, 1)}."
-    if pair.scored_alike and best.s_plus:  # at 0 points all are alike
+    if pair.scored_alike:
         return f"{points} {pair.below} scored alike in every case."
     more = f" and {len(equal) - MOST_NAMED} more" if equal[MOST_NAMED:] else ""
     return f"{points} Not told apart from {', '.join(equal[:MOST_NAMED])}{more}."

@@ -31,7 +31,7 @@ from sumo_eval.scoring.ledger import FULL, NOT_COMPUTED, Ledger, LedgerLine, led
 from sumo_eval.text import point_words, without_numbers
 
 LONGEST_SENTENCE = 200  # characters of an error on a terminal; the report has all of it
-MOST_LISTED = 5  # kinds of cases that could not be evaluated; the report lists the cases
+MOST_LISTED = 5  # kinds of cases that could not be evaluated; `cases.csv` has all cases
 
 
 def closing_lines(evaluation: Evaluation) -> list[str]:
@@ -104,7 +104,7 @@ def _missing_lines(evaluation: Evaluation) -> Iterator[str]:
         more = f" and {cases[kind] - 1} more" if cases[kind] > 1 else ""
         yield f"  {one_line(case.case)}{more}: {one_line(_missing_words(case))}"
     if cases[None]:
-        yield f"  and {cases[None]} more, all in the report."
+        yield f"  and {cases[None]} more, all in cases.csv."
 
 
 def _missing_words(case: CaseResult) -> str:

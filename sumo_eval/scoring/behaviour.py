@@ -33,6 +33,7 @@ class Behaviour(NamedTuple):
     excess: mean of max(0, U - Ug) by exposure, m/s; 0 if nothing could be evaluated.
     grade: A'; None if it does not exist.
     human: H; None if it does not exist.
+    task: T; None if it does not exist.
     """
 
     ads: str
@@ -49,6 +50,7 @@ class Behaviour(NamedTuple):
     excess: float
     grade: float | None
     human: float | None
+    task: float | None
 
     @property
     def contacts(self) -> float:
@@ -96,6 +98,7 @@ def behaviour_of(evaluation: Evaluation, ads: str) -> Behaviour:
         excess=_mean(excess, weights, skip_missing=True) or 0.0,
         grade=_mean([score.avoidance_grade for score in scores], weights),
         human=_mean([score.human_likeness for score in scores], weights, skip_missing=True),
+        task=_mean([score.task_share for score in scores], weights, skip_missing=True),
     )
 
 

@@ -124,7 +124,7 @@ def test_the_terminal_names_the_first_of_each_kind_and_counts(run):
     assert all(
         " and 2 more: The ADS " in line or " and 2 more: two arguments" in line for line in lines
     ), lines
-    assert "  and 9 more, all in the report." in said.splitlines()  # 3 kinds of 3 cases
+    assert "  and 9 more, all in cases.csv." in said.splitlines()  # 3 kinds of 3 cases
     assert "\x1b" not in said
 
 

@@ -11,7 +11,12 @@ from report_cases import HIT, pick, with_case, with_settings
 from sumo_eval.errors import InputError
 from sumo_eval.nightly.gates import _moved
 from sumo_eval.record.kept_results import KeptResults
-from sumo_eval.report.comparison_lines import comparison_notes, moved_words, quantity_words
+from sumo_eval.report.comparison_lines import (
+    change_lines,
+    comparison_notes,
+    moved_words,
+    quantity_words,
+)
 from sumo_eval.scoring.comparison import QuantityChange, compare
 from sumo_eval.scoring.gate_settings import GateSettings
 from sumo_eval.scoring.kept_scores import KeptScoring
@@ -69,6 +74,13 @@ def test_every_kind_of_change_is_found_and_named(evaluation):
         assert forth.worse == back.better == 1
         assert not forth.better
         assert not back.worse
+
+
+def test_changes_that_are_not_listed_are_in_the_junit_file(evaluation, monkeypatch):
+    monkeypatch.setattr("sumo_eval.report.comparison_lines.MOST_CHANGES", 0)
+    case = pick(evaluation, collided=False)
+    comparison = compare(evaluation, with_case(evaluation, case, **HIT), GATE)
+    assert "    and 1 more; `sumo-eval compare --junit` lists all." in change_lines(comparison)
 
 
 def test_a_case_that_is_less_human_only_in_h_is_found_with_what_it_moved(evaluation):

@@ -200,6 +200,25 @@ def test_no_ads_is_the_most_human_at_nought(evaluation):
     assert found[1] == ("Most human", "no ADS, every H is 0.00.")
 
 
+def test_no_ads_is_the_best_or_the_safest_at_nought(evaluation):
+    given_up = report_cases.with_scores(evaluation, avoidance_grade=0.0, task_share=0.0)
+    ads = tuple(RankedAds(it, 1, 0.0, (0.0, 0.0)) for it in (CALM, HOSTILE))
+    pair = RankedPair(CALM, HOSTILE, 0.0, (0.0, 0.0), told_apart=False)
+    ranking = Ranking({}, 0.95, ads, (pair,))
+    answers = dict(headline(replace(given_up, ranking=ranking)).answers)
+    assert answers["Safest"] == "no ADS, no A' is above 0.00."
+    assert answers["Best by S+"] == "no ADS, every S+ is 0.0."
+
+
+def test_the_safest_ads_says_that_it_hardly_drove(evaluation):
+    for share, said in ((0.03, True), (0.9, False)):
+        scores = report_cases.with_scores(
+            evaluation, avoidance_grade=1.0, task_share=share, s_plus=None
+        )
+        answer = dict(headline(replace(scores, ranking=UNRANKED)).answers)["Safest"]
+        assert (" It did 0.03 of the driving task (T)." in answer) == said
+
+
 def test_without_a_task_a_prime_stands_in_for_s_plus(evaluation):
     without = report_cases.with_scores(evaluation, task_share=None, s_plus=None)
     ranking = replace(UNRANKED, without_task=(NAME,))

@@ -48,7 +48,7 @@ def test_at_most_five_kinds_of_cases_are_listed_and_the_rest_is_counted(evaluati
     assert sum(map(len, unevaluated(odd))) == len(broken) > 5
     lines = closing_lines(odd)
     assert sum(line.startswith("  front_vehicle") for line in lines) == 5
-    assert f"  and {len(broken) - 5} more, all in the report." in lines
+    assert f"  and {len(broken) - 5} more, all in cases.csv." in lines
 
 
 def test_nothing_is_said_of_synthetic_drivers_when_they_are_not(evaluation):
