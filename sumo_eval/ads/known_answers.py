@@ -1,8 +1,11 @@
-"""ADSs whose result is known in closed form: an ADS that does nothing, and the ideal vehicle of Eq.
-17. `record/` drives both in every concrete scenario, for U0 and Ug.
+"""An ADS that does nothing, and the ideal vehicle of Eq. 17. `record/` drives both in every
+concrete scenario, for U0 and Ug.
 
 The kernels take the arguments of every rule (`cosim.compiled.each_row`). In a `MOVER`, x is the
 position and `along` the speed, both along the road.
+
+Users: `cosim/doors/controller.py`, `record/worker.py`; `foreseeing`: `cosim/ego_control.py`,
+`record/loops.py`.
 """
 
 from collections.abc import Sequence
@@ -98,7 +101,8 @@ def full_braking(me: Any, others: Any, watched: Any, p: Any, scenario: Any, time
     begins = inf  # time of the first call for braking, s
     for j in range(len(others)):
         other, known = others[j], watched[j]
-        # an actor ahead, in the ego's path, that the ego comes nearer to
+        # an actor ahead, in the ego's path, that the ego comes nearer to: the ego calls from its
+        # first sight, even if it would not touch that actor at a constant speed
         closes = other.x > me.x and me.along > other.along and lateral_overlap(me, other) > 0.0
         calls = closes and time > first_noticed
         if known.meets > 0.0:
@@ -146,10 +150,10 @@ class IdealBraking(Compiled):
     also brakes while it closes on any vehicle in its path: the foresight is for an ego of constant
     speed, and an ego that has braked meets vehicles that it would have passed.
 
-    It does not know what a lead vehicle hides. So it keeps a safe distance to the lead vehicle
+    While an actor that it would touch is hidden, it keeps a safe distance to the lead vehicle
     (`safe_gap`, with its own brakes and the time that they need): while it is nearer, it brakes
     fully. Otherwise an ADS that opens such a gap at once, as `idm` does, would be slower when the
-    hidden vehicle comes in sight.
+    hidden actor comes in sight.
 
     Where the hidden vehicle comes in sight so late that no braking stops short of it, the ideal
     vehicle steers round it, if the lane on the left is certainly free (`foresight.evasion`). The
@@ -182,8 +186,8 @@ class IdealBraking(Compiled):
 
     @classmethod
     def arrays(cls, together: Sequence[Any], scenario: Records, others: int) -> tuple[Records, ...]:
-        """Always an error: this rule needs `foreseeing`, which the loop calls instead of `arrays`
-        for this class, but not for its subclasses.
+        """Always an error: the loop calls `foreseeing` instead for this class. A subclass may be a
+        user's ADS, which must not know the scripts: for it the loop calls this.
         """
         raise ControllerError(
             "The ideal vehicle must know the scripts of the actors; only `ideal_braking` does"
@@ -207,4 +211,5 @@ class IdealBraking(Compiled):
             )
         ]
         known = np.array(list(map(list, foresights)), _KNOWN)
-        return own, known, np.zeros(known.shape, MOVER)
+        unused = np.zeros(known.shape, MOVER)  # scratch records of other rules (`others_then`)
+        return own, known, unused

@@ -144,7 +144,8 @@ def run(
 def _leave_shard(shard: str | None, folder: Path, drives: int, failed: int) -> NoReturn:
     """Print the number of drives of a shard, and exit: `merge` scores all shards together.
 
-    drives, failed: number of recorded drives, and of drives of ADSs that were not evaluated.
+    drives: number of recorded drives, references included.
+    failed: number of those drives of ADSs that could not be evaluated.
     """
     note = f", {failed} drives of ADSs were not evaluated" if failed else ""
     tell(f"Shard {shard}: {drives} drives are recorded in {folder}{note}.")
@@ -210,7 +211,7 @@ def merge(shards: tuple[Path, ...], out: Path, everything: bool) -> None:
 def verify(run: Path, share: float, workers: int | None) -> None:
     """Simulate a share of RUN again, chosen by its seed.
 
-    Exit status 1 when any drive differs in a single bit.
+    Exit status 1 when any drive differs in a single bit, or is out of date.
     """
     from sumo_eval.record.facts import verify as simulate_again
 
@@ -219,7 +220,8 @@ def verify(run: Path, share: float, workers: int | None) -> None:
     alike = defaultdict[str, list[str]](list)  # messages, by their reason without its numbers
     for case, why in differences:
         alike[without_numbers(why)].append(f"{case}: {why}.")
-    say(f"{first} Likewise {len(rest)} more." if rest else first for first, *rest in alike.values())
+    for first, *rest in alike.values():
+        say([f"{first} Likewise {len(rest)} more." if rest else first])
     if differences:
         tell(f"{len(differences)} of {drives} drives of {run} differ from the recorded ones.")
         sys.exit(GATE_FAILED)

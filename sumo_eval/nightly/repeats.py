@@ -142,8 +142,8 @@ def _differences(
     evaluation: Evaluation, ads: str, rows: Mapping[str, CaseResult], settings: GateSettings
 ) -> tuple[dict[str, float], dict[str, CaseChange]]:
     """`floors` and `apart` of an ADS's `Repeats`, from bad ends and the quantities that the rule
-    watches, except measured times, which differ in any two drives. A quantity that only one of the
-    drives has counts if it has a zone.
+    watches, except measured times, which differ in any two drives. In `apart`, a quantity that only
+    one of the drives has counts if its measure has a `zone` (`GateSettings`).
 
     rows: of the second drives, by case.
     """
@@ -165,8 +165,8 @@ def _differences(
         floors[name] = floor_of(after - before, settings.noise)
         if measure.zone is not None:
             limit = measure.sign * measure.zone
-            # As in the rule, the zone's limit replaces a missing value. It also replaces a lone
-            # value outside the zone: the rule does not count such a case.
+            # As in the rule, the zone's limit replaces the missing one of two values. If the other
+            # lies outside the zone, the limit replaces it too: the rule does not count such a case.
             lone = np.isnan(before) != np.isnan(after)
             before, after = (
                 np.where(lone, measure.sign * np.fmin(measure.sign * it, limit), it)
@@ -212,22 +212,23 @@ def _newly_bad_cases(
     """Key of each newly bad case of a noisy ADS -> its row in the base, and the rise of U above
     which a drive is bad.
     """
-    return {
-        part.changed.paired.new[pair].case: (
-            part.changed.paired.base[pair],
-            severity_limit(settings, noise.of(part.ads), part.units),
-        )
-        for part in comparison.ads
-        if noise.of(part.ads).noisy
-        for pairs in newly_bad(part, settings, noise.of(part.ads)).values()
-        for pair in pairs
-    }
+    cases = {}
+    for part in comparison.ads:
+        repeats = noise.of(part.ads)
+        if not repeats.noisy:
+            continue
+        limit = severity_limit(settings, repeats, part.units)
+        paired = part.changed.paired
+        for pairs in newly_bad(part, settings, repeats).values():
+            for pair in pairs:  # index of the two rows
+                cases[paired.new[pair].case] = paired.base[pair], limit
+    return cases
 
 
 def shaky_cases(
     evaluation: Evaluation, bad: Sequence[Mapping[str, int]], settings: GateSettings
 ) -> set[ShakyCase]:
-    """Rerun cases that, compared with either base, were not bad in at least one of their drives.
+    """Rerun cases that, compared with each of the bases, were not bad in at least one drive.
 
     bad: from `bad_again`.
     """

@@ -206,7 +206,7 @@ def planner(run: Resolved) -> Planner:
         ads.locator for ads in settings.ads if is_over_arrays(identities[ads.locator])
     )
     for ads in settings.ads:
-        steps_between(
+        steps_between(  # raises an error for a period that is not whole steps
             ads.period or period_of(identities[ads.locator]),
             settings.simulation.step,
             f"ADS `{ads.name}`",
@@ -339,7 +339,8 @@ class Recorder:
         """Record which files the processes of users' ADSs have read."""
         for outcome in outcomes:
             case = outcome.case
-            # no `reads`: the process of a user's ADS was lost; other cases have none to note
+            # `reads` is None if the process of a user's ADS was lost, which is noted too, and for
+            # cases without a user's code, which have nothing to note
             if outcome.reads is not None or affinity(case, self.setup) != NO_USER_CODE:
                 self.store.note_files(
                     self.versions.add(case.driver, case.controller, outcome.reads)
@@ -405,6 +406,7 @@ def _recorded_drives(
         left_out.extend(events.left_out)
         for index, (drive, name) in enumerate(zip(events.drives, events.names, strict=True)):
             case = plan.human(number, concrete, f"recorded_{index:02d}")
+            # `log`: where the drive comes from
             yield Outcome(case, "ok", Recording(drive, {}, None, "recorded"), log=name)
 
     return drives

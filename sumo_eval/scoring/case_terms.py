@@ -5,7 +5,7 @@ of many.
 `scoring.comparison` the scores of paired cases.
 
 Users: `nightly/`, `report/`, `scoring/`. Fixed: letters of `SCORES`, which people read; names of
-scores, which are keys of scores.json; the sums, which `AskedTerms` records.
+scores, which are keys of scores.json; number and order of the sums (see `method/score_terms.py`).
 """
 
 from __future__ import annotations
@@ -58,8 +58,8 @@ class CaseTerms:
     method: `[method]`, by which the terms were made and scores are made of them.
     exposure: p_i.
     weight: r_i.
-    severity: U_i of the worst incident, 0 without an incident, nan if the simulation failed. With
-        `loss = "class"` its class L, 0.1 without an incident.
+    severity: U_i of the worst incident, 0 without an incident, nan if the simulation failed, or
+        if the ADS gave up and U0 is not known. With `loss = "class"` its class L, 0.1 without one.
     ideal: Ug_i in the same concrete scenario, or its class.
     unreacting: U0_i in the same concrete scenario, or its class.
     ratio: Ug_i/U_i of a collision, or the ratio of their classes.
@@ -149,9 +149,9 @@ def scores_of(
 
     terms: of all cases.
     counts: how often each case occurs in each sample, (m, n), see `score_terms`.
-    hits: the same for C, and for whether a sample has a D (`intervals.py` draws collisions without
-        balance). None: `counts` serves for C, and D exists in every sample if no case voids it.
-    rows: the n cases to read. Which sums are asked for does not depend on them.
+    hits: other draws, for C and for whether a sample has a D: `intervals.py` draws collisions in
+        another way. None: `counts` serves for C, and D exists in every sample if no case voids it.
+    rows: the n cases to read; the scores are summed in the same order for any of them.
     """
     method = terms.method
     # of all cases, not of `rows` alone: whether any has an exposure, and whether any voids D
@@ -203,8 +203,8 @@ def missing_bounds(
     *,
     people: bool,
 ) -> dict[str, tuple[float, float]]:
-    """Score -> least and largest value that missing cases leave open. Scores that they cannot move
-    are not in it.
+    """Score -> least and largest value, maybe the same, that missing cases leave open. Scores that
+    lack no value, and the collision probability, are not in it.
 
     cases, terms: of an ADS.
     values: the scores of the cases as they are.
@@ -221,9 +221,9 @@ def missing_bounds(
     - The human-likeness of a safe case. At worst 0, at best 1. After a collision of which it is not
       known whether the ideal vehicle avoids it: at worst 0, at best no part in H.
     - A case in C. At worst a collision of ratio 0, which never raises Eq. 17's mean, at best one of
-      ratio 1, which never lowers it. But if U in m/s is compared and the ideal vehicle avoids the
-      contact, no collision has the ratio 1, since any contact has a U above 0: at best no
-      collision. (A loss may be 0.)
+      ratio 1, which never lowers it. But where the ideal vehicle avoids the contact, Ug is 0 m/s,
+      and any contact has a U above 0: no ratio is 1, so at best there is no collision. (A loss in
+      0..1 may be 0, so that the ratio is 1 even there.)
     - D_i of a safe case without a collision. At worst 0, at best 1.
     - S follows from C and D. A missing safe case may have been a collision, after which there is no
       D.
@@ -252,7 +252,8 @@ def missing_bounds(
         c, d = (
             np.array(bounds.get(name, (values[name], values[name])), float) for name in ("c", "d")
         )
-        # a missing safe case may be a collision, after which there is no D: its term counts 0
+        # a missing safe case may be a collision, after which there is no D: in the lower S the term
+        # of D then counts 0
         if (cases.safe & ~terms.evaluated).any():
             d[0] = np.nan
         low, high = np.nan_to_num(score_terms.paper_score(c, d, terms.method.score))
@@ -294,6 +295,7 @@ def _missing(cases: CaseTable, terms: CaseTerms, *, people: bool) -> _Missing:
         no_task=cases.safe & no_outcome,
         no_ratio=may_have_hit | (terms.collided & np.isnan(terms.ratio)),
         no_index=cases.counts_for_index & np.isnan(terms.index) & people,
+        # an incident has the likeness 0, or no part in H: the ideal vehicle's drive decides
         no_likeness=cases.safe & np.isnan(terms.likeness) & (~terms.incident | no_ideal) & people,
     )
 
@@ -304,7 +306,7 @@ def _worst_and_best(
     """The terms with missing values at their worst, and at their best (see `missing_bounds`)."""
     # worst: the ideal vehicle avoids, the ADS does nothing
     ideal = _filled(terms.ideal, 0.0)
-    # U of the hardest known collision of `no_reaction`, m/s, or its class; 0 without a collision
+    # U of the hardest known drive of `no_reaction`, m/s, or its class; 0 if none is known
     hardest = float(np.nanmax(terms.unreacting, initial=0.0))
     idle = np.maximum(_filled(terms.unreacting, hardest), ideal)
     severity = np.where(missing.no_outcome, idle, terms.severity)
@@ -318,7 +320,7 @@ def _worst_and_best(
         ideal=ideal,
         unreacting=_filled(terms.unreacting, severity),
         ratio=np.where(missing.no_ratio, ratio, terms.ratio),
-        evaluated=terms.evaluated | missing.may_have_hit,
+        evaluated=terms.evaluated | missing.may_have_hit,  # with its ratio, C takes it for a hit
         weight=np.where(missing.no_ratio, _filled(terms.weight, 1.0), terms.weight),
     )
     # best: the ADS drives as the ideal vehicle

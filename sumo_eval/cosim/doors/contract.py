@@ -49,7 +49,9 @@ _LINES = 12  # last lines of a log that a finding shows
 _COMMANDS = ("acceleration", "steering_angle")  # clips of commands out of range
 RUN = RunSettings()
 PATIENCE = 60.0  # s of wall time, after which no further case is driven
-_MARGIN = 0.5  # share of a limit that a finding mentions: a busier machine can take twice as long
+_MARGIN = (
+    0.5  # share of a limit from which there is a finding: a busier machine takes twice as long
+)
 _HINTS = {
     r"[Tt]ype '.*' is not known": "a type of the ego's own is the class attribute `vehicle_type`, "
     "e.g. "
@@ -263,7 +265,7 @@ def _said(clip: Clip) -> str:
 
 
 def _in_range(recordings: _Recordings) -> Finding:
-    """Finding on commands that the vehicle or the harness did not carry out as requested."""
+    """Finding on all that was not carried out as requested, or not as scripted: see `_WORDS`."""
     worst = _worst(recordings, _WORDS.keys() - _OF_A_PLAN)
     if not worst:
         return Finding("ok", "commands are within what the vehicle can do")
@@ -295,6 +297,7 @@ def _planned(recordings: _Recordings) -> _Findings:
     if not worst:
         return []
     text = "; ".join(map(_said, worst.values()))
+    # `cosim/plans.py` notes a `plan_error` of every plan
     if worst["plan_error"].applied > _FAR_FROM_A_PLAN or "plan_ended" in worst:
         return [Finding("warn", text, "a Plan is in road coordinates and in s since the start of "
                                       "the case, from where "

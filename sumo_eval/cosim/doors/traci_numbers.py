@@ -22,8 +22,8 @@ from sumo_eval.cosim.sumo.insides import VehicleDomain, VehicleTypeDomain, libsu
 shown = partial(text.shown, most=80)
 """A value as an error message about an ADS shows it."""
 LONGEST = 2.0**31
-"""s, the longest duration that an ADS can mean: the largest signed count of 32 bits, and TraCI's
-old default."""
+"""s, the longest duration that an ADS can mean: TraCI's old default, one more than the largest
+signed count of 32 bits."""
 # TraCI's INVALID_DOUBLE and INVALID_INT: an optional argument that was left out
 _LEFT_OUT = -1073741824
 # spellings of nan, nan(...) and infinity that C++ reads
@@ -81,10 +81,10 @@ WHY_IGNORED = {
     "it over",
     "traffic": "only vehicles that SUMO drives heed it, and there are none",
     "network": "this road has one way, no junction and no limit that the ego could heed",
-    "window": "a case has no window",
+    "window": "a case has no window",  # all calls of `gui` (`Guard.ignored`)
 }
-"""Why SUMO ignores a call, by key of `IGNORED`: the part of SUMO that would heed it. In a user's
-own network, calls of `network` may have an effect.
+"""Why SUMO ignores a call, by the part of SUMO that would heed it, a value of `IGNORED`. In a
+user's own network, calls of `network` may have an effect.
 """
 IGNORED = {
     call: by

@@ -68,7 +68,7 @@ class MapRoad:
     name: `id` in the file.
     begin: where the reference line begins on the map, and its direction there.
     line: the reference line.
-    lanes: by number; floats as keys, because files also write `-1.0`.
+    lanes: by number; scenarios also write it as `-1.0`, which is the same key.
     left_out: words for contents of the file that have no effect.
     """
 
@@ -97,7 +97,7 @@ class MapRoad:
         return in_frame(pose, self.begin, self.line if self.bent else ())
 
     def ahead_in_lane(self, lane: Lane, s: float, length: float) -> float:
-        """Length along the reference line, m, of a length along the middle of a lane from s.
+        """How far to go along the reference line from s, m, to go `length` m along a lane's middle.
 
         Where the line turns by an angle, a lane to its left is shorter by the lane's distance times
         this angle. The angle up to the sought place is unknown, so the loop approaches it.
@@ -145,8 +145,8 @@ class Network:
     def driving(self, pose: Pose) -> tuple[MapRoad, Lane, Pose] | None:
         """The road and driving lane in which a place on the map lies, and its s and t there.
 
-        Where roads overlap, as in a junction, it is the road whose direction differs least from
-        that of `pose`; of equal ones the first by name.
+        Where roads overlap, as in a junction, it is the road whose line differs least in direction
+        from `pose`, whether along or against it; of equal ones the first by name.
         """
         lanes = []  # (sine of the difference of directions, name of the road, result)
         for road in self.roads.values():
@@ -171,7 +171,8 @@ class Network:
 def read_network(path: Path) -> Network:
     """The roads of an OpenDRIVE file, without their slopes.
 
-    Raises InputError with what cannot be read.
+    Raises InputError for a file without roads or ids. Of a road that cannot be read, the error is
+    in `unread`.
     """
     return _read(path, watch(path))
 
@@ -208,6 +209,7 @@ def _road(element: Node, name: str) -> MapRoad:
         must = "its lanes must be the same in every <laneSection>: lanes that begin, end or change"
         raise element.fault(f"{must} are not supported (got {len(sections)} sections)")
     heights, *tilts = (cubics_of(element.all(it), "s", Node.number) for it in PROFILES)
+    # any constant height is level; a tilt must be 0 everywhere, so a 0 at s = 0 is put before it
     level = constant(heights, length) and constant([(0.0, 0.0), *chain(*tilts)], length)
     widths = [it.width for it in lanes[0].values() if it.kind in DRIVEN]
     # The report names these contents, because an ADS cannot know of them: it overtakes on the left

@@ -41,14 +41,14 @@ def read(path: Path) -> Samples:
     require(places, path, "must have columns Speed1, Speed2, ..., got none")
     make_numbers(rows, ["Time", *numbers], path, heading=_HEAD_ROWS + 1, gaps=numbers)
     parts = []
-    # A chain is a row of vehicles with known gaps. front: half a length ahead of the next vehicle's
-    # front bumper, m, so that its centre is at front - LENGTH.
+    # A chain is a row of vehicles with known gaps, all of one length. centre_ahead: x of the centre
+    # of the vehicle ahead less the gap of the bumpers, m: one length ahead of the next centre.
     chains = 0
     hidden = 0  # samples of speed without a known place
-    front: Any = np.nan
+    centre_ahead: Any = np.nan
     for place in places:
         speed = rows[f"Speed{place}"]
-        x = front - LENGTH
+        x = centre_ahead - LENGTH  # of the first place a number, nan
         if place - 1 not in places or x.isna().all():  # the first of a chain
             chains += 1
             values = speed.ffill().fillna(0.0).to_numpy()
@@ -73,7 +73,7 @@ def read(path: Path) -> Samples:
         )
         parts.append(table[speed.notna() & x.notna()])
         hidden += int((speed.notna() & x.isna()).sum())
-        front = x - rows.get(f"IVS{place}", np.nan)
+        centre_ahead = x - rows.get(f"IVS{place}", np.nan)
     notes = [
         f"{path.name} has no vehicle sizes and no lateral positions: {LENGTH:g} m x {WIDTH:g} m "
         "and y = 0 are assumed.",
