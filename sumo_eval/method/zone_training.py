@@ -4,8 +4,8 @@ points where its zone is wrong.
 The training points are the grid of the parameters' own steps, or come from a caller. A finer, dense
 grid over the same space shows where the GP is wrong.
 
-Users: `method/zone_partition.py`, `method/zone_search.py`. Fixed: the grids and the rounds decide
-the zones to the last bit. Free to change: the notes.
+Users: `method/zone_partition.py`, `method/zone_search.py`, `record/facts.py`. Fixed: the grids and
+the rounds decide the zones to the last bit. Free to change: the notes.
 """
 
 import itertools

@@ -26,6 +26,7 @@ from sumo_eval.errors import InputError, StoppedError, must_be
 from sumo_eval.frozen import frozen
 from sumo_eval.method.point_criticality import exactly_hazardous
 from sumo_eval.method.severity import severity_of
+from sumo_eval.method.zone_training import own_axes
 from sumo_eval.record import loops, run_folder
 from sumo_eval.record.cases import Case
 from sumo_eval.record.engines import refuse_engine, run_cases
@@ -245,6 +246,7 @@ def planned(
         road = logical.road
         vehicle = run.settings.simulation.vehicle
         check_line(road.line, road.lanes, road.lane_width, f"scenario `{name}`", vehicle)
+        own_axes(logical)  # for its refusal of spaces whose zones cannot be learnt
     plan = planner(run)
     progress("controllers checked", len(plan.identities), len(plan.identities))
     return plan, _spaces(run, progress, looked_at)

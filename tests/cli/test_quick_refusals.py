@@ -128,6 +128,22 @@ def test_impossible_placement_is_refused_before_compiling(tmp_path, monkeypatch)
     cli_refuses("must be clear of `ego` at the start", "run evaluation.toml --out x")
 
 
+def test_too_many_parameters_are_refused_before_driving(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    parameter = '[[parameter]]\nname = "p{}"\nunit = "m/s"\nlow = 1\nhigh = 2\nstep = 1\n'
+    Path("many.toml").write_text(
+        'name = "many"\nzone = "none"\n[road]\nlength = 900.0\nlanes = 1\n[ego]\n'
+        f'x = 9.0\nspeed = "{"+".join(f"p{number}" for number in range(11))}"\n'
+        + "".join(map(parameter.format, range(11)))
+    )
+    Path("evaluation.toml").write_text(
+        'name = "x"\n[[scenario]]\nuse = "many.toml"\nsampling = { method = "sobol", count = 4 }\n'
+        '[[ads]]\nname = "idm"\ncontroller = "idm"\n'
+    )
+    cli_refuses("at most 10 parameters", "run evaluation.toml --out x")
+    assert not Path("x").exists()
+
+
 @pytest.mark.parametrize(
     "options, words",
     [
