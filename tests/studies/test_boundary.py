@@ -143,9 +143,9 @@ def test_an_ads_that_never_answers_has_no_boundary(tmp_path):
     logical = slice_of(CUT_OUT, {"ego_speed": 30.0})
     with (
         trials_in(tmp_path, broken(), ["broken.py:drive"], "", resume=False) as trials,
-        refusal("None of 16 cases"),
+        refusal("None of 32 cases"),  # of the first round; the rest of the budget is not spent
     ):
-        find_boundary(logical, "broken.py:drive", trials, budget=16)
+        find_boundary(logical, "broken.py:drive", trials, budget=64)
 
 
 def test_a_point_without_a_fact_is_an_error(tmp_path, monkeypatch):
@@ -255,10 +255,12 @@ def test_files_have_each_column_once_and_each_value(tmp_path):
 ["cut_inn", "idm"] | Did you mean `cut_in`?
 ["cut_in", "idm", "--fix", "ego_speed"] | --fix must have the form NAME=VALUE
 ["cut_in", "idm", "--fix", "ego_sped=3"] | Did you mean `ego_speed`?
-["cut_in", "idm", "--tolerance", "1"] | a share of the space, at least 0 and below 1, got 1
+["cut_in", "idm", "--tolerance", "1"] | 1.0 is not in the range 0.0<=x<1.0
+["cut_in", "idm", "--tolerance", "nan"] | nan is not a number
 """,
         json.loads,
     ),
 )
 def test_the_command_refuses(tmp_path, arguments, sentence):
     cli_refuses(sentence, "boundary", *arguments, "--out", tmp_path / "out")
+    assert not (tmp_path / "out").exists()

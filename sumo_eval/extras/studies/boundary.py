@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from sumo_eval.cases import EVALUATED
-from sumo_eval.errors import InputError, check_known, must_be
+from sumo_eval.errors import InputError, check_known
 from sumo_eval.extras.studies.straddle import BoundarySearch
 from sumo_eval.extras.studies.trials import Trials
 from sumo_eval.scenario.logical import LogicalScenario
@@ -69,16 +69,13 @@ def find_boundary(
 
     controller: locator of the ADS.
     budget: most simulations.
-    tolerance: share of the space, at least 0 and below 1. The search ends once the next round is
-        expected to move a smaller share to the other side of the boundary.
+    tolerance: share of the space, 0..1. The search ends once the next round is expected to move a
+        smaller share to the other side of the boundary.
     watch: receives the number of simulations done and the budget.
 
-    Raises InputError for another tolerance, a space that `BoundarySearch` refuses, and an ADS that
-    no trial could evaluate.
+    Raises InputError for a space that `BoundarySearch` refuses, and for an ADS that no trial of the
+    first round could evaluate.
     """
-    if not 0.0 <= tolerance < 1.0:
-        allowed = "a share of the space, at least 0 and below 1"
-        raise must_be("`tolerance`", "the search", allowed, tolerance)
     search = BoundarySearch(logical, seed)
     rounds: list[Round] = []
     not_evaluated: Counter[str] = Counter()
@@ -101,6 +98,8 @@ def find_boundary(
         evaluated = np.isin(statuses, EVALUATED)
         not_evaluated.update(statuses[~evaluated].tolist())
         search.tell(points[evaluated], statuses[evaluated] == "collision")
+        if not len(search.points):  # refused below: more of the budget would show no more
+            break
         rounds.append(Round(done, int(search.outcomes.sum()), search.expected_change, search.doubt))
         if rounds[-1].expected_change < tolerance:
             stopped = "settled"

@@ -9,7 +9,7 @@ import click
 from sumo_eval.cli import out_folder
 from sumo_eval.cli.exit_status import DONE, NOT_EVALUATED
 from sumo_eval.cli.named_values import named_values
-from sumo_eval.cli.options import RESUME, SEED, count_option, path_option
+from sumo_eval.cli.options import RESUME, SEED, Range, count_option, path_option
 from sumo_eval.cli.progress import Progress
 from sumo_eval.cli.sentences import say
 
@@ -33,7 +33,7 @@ from sumo_eval.cli.sentences import say
     show_default=True,
     help="Most simulations.",
 )
-@click.option("--tolerance", type=float, default=0.001, show_default=True,
+@click.option("--tolerance", type=Range(0.0, 1.0, max_open=True), default=0.001, show_default=True,
               help="Stop once the next round is expected to move a smaller share of the space "
                    "to the other side.")  # fmt: skip
 @SEED
