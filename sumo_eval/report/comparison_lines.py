@@ -87,6 +87,8 @@ def comparison_notes(comparison: Comparison) -> Iterator[str]:
         yield f"{cases} exist in one run only and are left out; every value is over the rest."
     if moved := sum(int((paired.base.safe != paired.new.safe).sum()) for paired in every):
         yield f"{count(moved, 'case')} lie in another zone than in the base."
+    if other := sum(int((paired.base.exposure != paired.new.exposure).sum()) for paired in every):
+        yield f"The exposure differs from the base in {count(other, 'case')}."
 
 
 _LEAST_SHOWN = 5e-4

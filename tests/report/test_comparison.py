@@ -170,6 +170,13 @@ def test_a_case_in_one_run_only_is_counted_and_said(evaluation):
     assert any("exist in one run only" in note for note in comparison_notes(comparison))
 
 
+def test_a_case_with_another_exposure_is_counted_and_said(evaluation):
+    case = evaluation.cases[0]
+    new = with_case(evaluation, case, exposure=2.0 * case.exposure)
+    notes = [*comparison_notes(compare(evaluation, new, GATE))]
+    assert notes == ["The exposure differs from the base in 1 case."]
+
+
 def test_an_ads_without_a_partner_is_said_and_a_pair_can_be_named(evaluation):
     scores, cases = (
         tuple(replace(it, ads="new") if it.ads == CALM else it for it in items)
