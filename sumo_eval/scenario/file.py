@@ -3,9 +3,9 @@ its check with vehicles at every point of a sample.
 
 `scenario/file_tables.py` has the tables and keys of such a file, which are a public format.
 
-Users: `cli/tools.py`, `extras/openscenario/describe.py`, `extras/rates/learned.py`,
-`extras/rates/recorded_scene.py`, `extras/studies/qualification/regulations.py`, `record/facts.py`,
-`scenario/catalogue.py`.
+Users: `cli/tools.py`, `extras/openscenario/describe.py`, `extras/openscenario/written.py`,
+`extras/rates/learned.py`, `extras/rates/recorded_scene.py`,
+`extras/studies/qualification/regulations.py`, `record/facts.py`, `scenario/catalogue.py`.
 """
 
 import math

@@ -1713,6 +1713,14 @@ def test_the_written_space_of_an_ego_that_turns_has_the_other_on_the_map(tmp_pat
         find("wrong.toml", tmp_path)
 
 
+def test_a_condition_too_long_for_a_scenario_file_is_refused(tmp_path):
+    events = CUT_IN.replace(ACROSS, BRAKE).replace('delay="0.5"', 'delay="0"')
+    one = events[events.index("<Condition ") : events.index("</ConditionGroup>")]
+    read = read_file(written(tmp_path, events=events.replace(one, 40 * one)))
+    with refusal("nested too deep. The case plays from the OpenSCENARIO file itself."):
+        scenario_content(read, {})
+
+
 @needs_catalogues
 @pytest.mark.parametrize("name", [
     "CPNA.xosc", "CCRb.xosc", "CCCscp.xosc", "CMFtap.xosc?road=2",

@@ -18,6 +18,7 @@ from sumo_eval.extras.openscenario.scene import distinct
 from sumo_eval.report.page import write_page
 from sumo_eval.scenario import played
 from sumo_eval.scenario.concrete import Actor, ConcreteScenario, Numbers, Road, Start
+from sumo_eval.scenario.file import scenario_from
 from sumo_eval.scenario.logical import ONLY
 from sumo_eval.scenario.road.reference_line import Piece
 from sumo_eval.scenario.road.table import bend_name
@@ -63,7 +64,7 @@ def scenario_content(read: Read, point: Numbers) -> Table:
     ends = {
         "x": case.road.length, "time": case.time_limit, "standstill": case.standstill_time,
     }  # fmt: skip
-    return {
+    content = {
         "name": re.sub(r"\W", "_", read.logical.name),
         "about": read.space.about,
         "source": f"{read.space.file.name}, OpenSCENARIO "
@@ -82,6 +83,11 @@ def scenario_content(read: Read, point: Numbers) -> Table:
         "vehicle": [_vehicle(actor, name, names)
                     for actor, name in zip(case.actors, names, strict=True)],
     }  # fmt: skip
+    try:
+        scenario_from(content, "`import --out`", Path())
+    except InputError as error:  # such as a condition that is too long
+        raise InputError(f"{error} The case plays from the OpenSCENARIO file itself.") from None
+    return content
 
 
 def _inexpressible(case: ConcreteScenario) -> dict[str, bool]:
