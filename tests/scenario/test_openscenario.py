@@ -1721,6 +1721,21 @@ def test_a_condition_too_long_for_a_scenario_file_is_refused(tmp_path):
         scenario_content(read, {})
 
 
+def test_a_speed_relative_to_a_deleted_entity_is_refused(tmp_path):
+    """`Third` is deleted at 0 s, so it has no speed when the other's changes at 2 s."""
+    third = """<ScenarioObject name="Third"><CatalogReference catalogName="cars" entryName="car"/>
+    </ScenarioObject></Entities>"""
+    gone = """<Private entityRef="Third"><PrivateAction><TeleportAction><Position>
+    <LanePosition roadId="0" laneId="-1" s="500"/></Position></TeleportAction></PrivateAction>
+    </Private><GlobalAction><EntityAction entityRef="Third"><DeleteEntityAction/></EntityAction>
+    </GlobalAction></Actions></Init>"""
+    relative = '<RelativeTargetSpeed entityRef="Third" speedTargetValueType="delta" value="0"/>'
+    events = timed(BRAKE.replace('<AbsoluteTargetSpeed value="0"/>', relative), 2)
+    path = changed(tmp_path, ("</Entities>", third), ("</Actions></Init>", gone), events=events)
+    with refusal("entity `Third` is deleted at the start, so nothing depends on it"):
+        read_file(path)
+
+
 @needs_catalogues
 @pytest.mark.parametrize("name", [
     "CPNA.xosc", "CCRb.xosc", "CCCscp.xosc", "CMFtap.xosc?road=2",

@@ -159,6 +159,7 @@ def target_speed(action: Node, places: Places, mover: Entity) -> float:
     speed = target.number("value")
     if target.tag == "RelativeTargetSpeed":
         other = places.referred(target)
+        vehicle_number(other, target)  # refuses a deleted entity
         # `waits` includes this action, if the speed is relative to the entity's own
         if other.waits > (other is mover):
             raise UnplacedError("", other.name)  # no text: `scene` tries again later
