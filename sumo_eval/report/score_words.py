@@ -74,7 +74,7 @@ GLOSSARY = {
     "U0": "severity of doing nothing in the same concrete scenario, m/s; 0 where nothing is hit",
     "L": "loss class of a collision, Eq. 14: 1, 0.7, 0.4 by severity, 0.1 without one",
     "r": "weight of a case, Eq. 16: its distance from the most dangerous point, 1 at the border "
-    "of the hazardous zone",
+    "of the hazardous zone; in an adaptive sample times the points that the case stands for",
     "TTC": "time to collision: gap over closing speed, s",
     "ITTC": "inverse time to collision, 1/s: the larger, the more critical",
     "THW": "time headway: gap over own speed, s",

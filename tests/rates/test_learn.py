@@ -3,6 +3,7 @@ be driven."""
 
 import gc
 import itertools
+import os
 import tracemalloc
 from dataclasses import replace
 from pathlib import Path
@@ -147,6 +148,12 @@ def test_a_recording_without_encounters_gives_rates_and_no_files(tmp_path):
     assert not list(out.glob("*.toml"))
     # 3.689 / km: the exact upper limit of a Poisson rate with no event, at 97.5 %
     assert learnt.rate[2] == pytest.approx(3.689 / lesson.survey.kilometres, rel=1e-3)
+
+
+def test_recordings_whose_name_is_not_utf8_are_refused_before_they_are_read(tmp_path):
+    path = tmp_path / os.fsdecode(b"f\xff.csv")
+    path.write_text("no recording")
+    cli_refuses("must have a name in UTF-8", "learn", path)
 
 
 def test_too_little_data_leaves_no_campaign_that_is_refused(tmp_path):

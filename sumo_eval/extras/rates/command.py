@@ -51,6 +51,9 @@ def learn(recordings: tuple[Path, ...], out: Path | None, form: str) -> None:
     for path in recordings:
         if not path.exists():
             raise InputError(f"Recordings {path} are not there.")
+        # the files that are written name it
+        if path.name.encode(errors="replace").decode() != path.name:
+            raise InputError(f"Recordings must have a name in UTF-8, got {path}: rename them.")
     out = out or out_folder.default("learned")
     out_folder.ready(out)
     with Progress() as progress:
