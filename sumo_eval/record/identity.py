@@ -18,7 +18,14 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
-from sumo_eval.cosim.doors.controller import Adapter, adapted, called_by, located, takes_arrays
+from sumo_eval.cosim.doors.controller import (
+    SHIPPED,
+    Adapter,
+    adapted,
+    called_by,
+    located,
+    takes_arrays,
+)
 from sumo_eval.cosim.doors.entry import split_entry
 from sumo_eval.errors import must_be
 from sumo_eval.input_file import hash_of, sha256
@@ -79,8 +86,9 @@ def locator_identity(named: tuple[str, str], folder: Path) -> str:
     kind, locator = named
     if kind == "ADS":
         loaded, described, entry = located(locator, folder)
-        # a class without `act` and `step`: `adapted` makes an object, and refuses one without both
-        if not called_by(loaded):
+        # a class without `act` and `step`: `adapted` makes an object, and refuses one without both;
+        # of an ADS that ships, it refuses what a table among the options must not hold
+        if not called_by(loaded) or locator.partition("?")[0] in SHIPPED:
             adapted(loaded, described, entry.options)
     else:
         loaded = load_object(locator, folder, kind)

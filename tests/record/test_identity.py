@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 from evaluations import small
 from laid import replace_in
+from refusals import refused
 
 import sumo_eval
 from sumo_eval.record.identity import (
@@ -42,6 +43,11 @@ def test_facts_depend_on_the_code_that_makes_them_and_on_the_scenario_files(tmp_
     (copy / "report" / "html.py").unlink()  # the report makes no facts
     changed = {name for name, found in sources_of_facts(copy).items() if found != as_it_was[name]}
     assert changed == {"scenario/files/cut_in.toml"}
+
+
+def test_tables_of_options_are_checked_before_driving(tmp_path):
+    with refused("unexpected keyword argument 'foo'"):
+        locator_identity(("ADS", 'lane_changer?options.habits={"foo": 1}'), tmp_path)
 
 
 def test_recorded_drivers_are_the_same_in_any_folder(tmp_path):
