@@ -229,8 +229,14 @@ class Ranking:
         return sum(weight > 0.0 for weight in self.weights.values()) - len(self.without_people)
 
     def pair(self, above: str, below: str) -> RankedPair:
-        """The pair of these two."""
-        return next(pair for pair in self.pairs if (pair.above, pair.below) == (above, below))
+        """The pair of these two.
+
+        Raises InputError where there is none.
+        """
+        pairs = {f"{pair.above} above {pair.below}": pair for pair in self.pairs}
+        name = f"{above} above {below}"
+        check_known("pair of this ranking", pairs, name)
+        return pairs[name]
 
 
 @frozen
@@ -295,7 +301,7 @@ class Evaluation:
         return any(self.exposures.get(name, {}).get("known", False) for name in names)
 
     def cases_of(self, ads: str, scenario: str) -> CaseTable:
-        """The cases of one ADS in one scenario."""
+        """The cases of one ADS in one scenario; an empty table for names that the run lacks."""
         return self.cases.part(scenario, ads)
 
     def cases_behind(self, score: ScenarioResult) -> CaseTable:

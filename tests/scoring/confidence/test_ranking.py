@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from refusals import refusal
+from refusals import refusal, refused
 from scoring.test_scoring_intervals import HIT, LOST_SAFE, SAFE, SETTINGS, combined
 
 from sumo_eval.case_table import CaseTable
@@ -68,6 +68,8 @@ def test_a_difference_over_the_same_points_tells_apart_what_two_intervals_do_not
     pair = ranking.pair("high", "low")
     assert pair.told_apart
     assert pair.difference == pytest.approx(50 * 0.02)
+    with refused("Unknown pair `low above high` of this ranking. Known: high above low."):
+        ranking.pair("low", "high")
     # One more case takes e of n + e cases from T of both: e = 0.5 ln 40 = 1.84 at most in 97.5 % of
     # the replicates
     assert pair.interval == (pytest.approx(80 / 81.84, abs=2e-3), pytest.approx(1.0)), (
