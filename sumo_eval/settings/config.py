@@ -181,8 +181,9 @@ def with_changes(settings: EvaluationSettings, changes: Sequence[str]) -> Evalua
                 f"--set must have the form KEY=VALUE, e.g. method.score.a=60, got {change!r}."
             )
         try:
-            value = toml_from(f"value = {text}", f"`--set {shown(change)}`")["value"]
-        except InputError:  # `--set report.reference=mine`: text needs no quotes
+            (value,) = toml_from(f"value = {text}", f"`--set {shown(change)}`").values()
+        # `--set report.reference=mine`: text needs no quotes; nor is it TOML of several keys
+        except ValueError:
             value = text
         *tables, key = path.strip().split(".")
         _table_at(content, tables, path.strip())[key] = value

@@ -5,7 +5,7 @@ from dataclasses import fields
 
 import numpy as np
 import pytest
-from refusals import refusal
+from refusals import refusal, refused
 from tables import rows_of, values_of
 
 from sumo_eval.settings import PlantSettings, RunSettings
@@ -140,6 +140,11 @@ def test_a_change_reaches_a_table_that_is_not_set():
 def test_a_wrong_change_is_refused(change, sentence):
     with refusal(sentence.replace(".", r"\.").replace("?", r"\?")):
         with_changes(read_evaluation(PAPER_EVALUATION), [change])
+
+
+def test_a_change_has_one_value():
+    with refused(r"must be a number, got '60\nb = 5'"):
+        with_changes(read_evaluation(PAPER_EVALUATION), ["method.score.a=60\nb = 5"])
 
 
 def test_a_mistake_is_reported_with_its_line(tmp_path):
