@@ -236,6 +236,13 @@ def test_levelx_a_curved_road_becomes_a_straight_one(tmp_path):
     assert (right["x"] / right["t"]).to_numpy() == pytest.approx(20.0, rel=0.03)
 
 
+def test_a_refusal_names_the_file_and_what_was_left_out_of_it(tmp_path):
+    path = _levelx(tmp_path)
+    pd.read_csv(path).assign(length=0.0).to_csv(path, index=False)  # people on foot
+    with refusal(r"07_tracks.csv: At least one vehicle must move .* 6 road users without a box"):
+        import_recordings("ind", [tmp_path])
+
+
 def test_levelx_facts_that_cannot_be_used_are_refused(tmp_path):
     path = _levelx(tmp_path)
     for name, fault, sentence in (

@@ -82,12 +82,17 @@ def each_of(form: str, paths: Sequence[Path]) -> Iterator[Recordings]:
                 )
         return (read_csv(path) for path in paths)
     read, patterns = READERS[form]
-    return (_canonical(*read(file)) for path in paths for file in files_in(path, *patterns))
+    return (_canonical(file, *read(file)) for path in paths for file in files_in(path, *patterns))
 
 
-def _canonical(table: pd.DataFrame, notes: list[str]) -> Recordings:
-    """The canonical table; one without a column `lane` is on a map and is straightened first."""
-    if "lane" in table:
-        return canonical(table, notes)
-    straight, more_notes = straighten(table)
-    return canonical(straight, (*notes, *more_notes))
+def _canonical(path: Path, table: pd.DataFrame, notes: list[str]) -> Recordings:
+    """The canonical table of a file; without a column `lane` it is on a map, and is straightened
+    first.
+    """
+    try:
+        if "lane" in table:
+            return canonical(table, notes)
+        straight, more_notes = straighten(table)
+        return canonical(straight, (*notes, *more_notes))
+    except InputError as error:
+        raise InputError(" ".join((f"{path}: {error}", *notes))) from None
