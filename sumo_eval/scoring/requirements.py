@@ -5,6 +5,7 @@ Users: `report/checks.py`, `scoring/quantities.py`, `scoring/steps.py`. Fixed: `
 stands in cases.csv.
 """
 
+import re
 from collections import Counter, defaultdict
 from dataclasses import replace
 from itertools import chain
@@ -28,6 +29,7 @@ SEPARATOR = "; "
 """Between the names of missed requirements, in `cases.csv` as well."""
 _UNDECIDED = ": undecided at "
 """Between the name of a requirement and the moment at which it cannot be decided."""
+_MISSED = re.compile(rf"(?s)(.+?)(?:{_UNDECIDED}(\d+\.\d\d s))?")
 
 
 def series_of(
@@ -108,8 +110,9 @@ def missed_in(text: str) -> list[tuple[str, str]]:
     """Name of each requirement in a text of `requirements_missed`, and the moment at which it
     cannot be decided, such as `1.50 s`; "": it is decided.
     """
-    parts = (entry.partition(_UNDECIDED) for entry in text.split(SEPARATOR) if entry)
-    return [(name, moment) for name, _, moment in parts]
+    # a name may itself hold the text of `_UNDECIDED`, but not with a moment behind it
+    parts = (_MISSED.fullmatch(entry) for entry in text.split(SEPARATOR) if entry)
+    return [(part[1], part[2] or "") for part in parts if part]
 
 
 def with_counts(score: ScenarioResult, rows: CaseTable, logical: LogicalScenario) -> ScenarioResult:

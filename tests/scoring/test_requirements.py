@@ -20,7 +20,7 @@ from sumo_eval.report.notes import score_note
 from sumo_eval.report.tables import write_tables
 from sumo_eval.scenario.requirement import requirement
 from sumo_eval.scoring.gate_settings import GateSettings, LimitSettings
-from sumo_eval.scoring.requirements import series_of
+from sumo_eval.scoring.requirements import missed_in, series_of
 
 SCENE = tomllib.loads("""
 name = "approach"
@@ -210,3 +210,9 @@ ads = [{{ name = "nothing", controller = "no_reaction" }}]
         file.write_text(text.replace(old, new) + more)
         with refusal(sentence):
             score_run(result.folder)
+
+
+@pytest.mark.parametrize("name", ["calm", "gap: undecided at night", "a: undecided at 2 s"])
+def test_the_name_of_a_missed_requirement_is_read_whole(name):
+    assert missed_in(f"{name}; other") == [(name, ""), ("other", "")]
+    assert missed_in(f"{name}: undecided at 1.50 s") == [(name, "1.50 s")]
