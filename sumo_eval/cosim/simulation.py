@@ -104,7 +104,8 @@ def simulate(
     controller: a locator string, a function, a class or an object (see
         `sumo_eval.cosim.doors.controller`).
     folder: where relative paths in a locator start.
-    step_timeout: longest wall time of one controller step, s.
+    step_timeout: longest wall time of one controller step, s; inf: a program that never answers
+        is waited for without end.
     seed: of the random effects of `settings.conditions`.
     period: s from one call of the controller to the next; its answer holds in between. None: as
         its locator says.

@@ -279,6 +279,8 @@ quits.py:Ads | making one without arguments failed: SystemExit: 2
             (f"late.py:{it}", f"`{it.lower()}` of ADS `late.py:{it}` must not be `async`")
             for it in ("Reset", "Act", "Step", "Close")
         ),
+        ("late.py:drive", "`drive` of ADS `late.py:drive` must not be `async`"),
+        ("late.py:Call", "`__call__` of ADS `late.py:Call` must not be `async`"),
     ],
 )
 def test_what_cannot_be_a_controller_is_refused_before_a_run(tmp_path, own_path, locator, sentence):
@@ -294,7 +296,9 @@ def test_what_cannot_be_a_controller_is_refused_before_a_run(tmp_path, own_path,
         "    def act(self, seen): return 0.0\n"
         "class Close(Reset):\n    reset, close = None, Reset.reset\n"
         "class Act:\n    act = Reset.reset\n"
-        "class Step:\n    step = Reset.reset\n",
+        "class Step:\n    step = Reset.reset\n"
+        "class Call:\n    __call__ = Reset.reset\n"
+        "async def drive(seen): pass\n",
     }
     lay(tmp_path, files)
     with refused(sentence):

@@ -510,7 +510,8 @@ def adapted(target: Any, described: str, options: Mapping[str, Any]) -> Adapter:
         if refusal := _foreign(target, described):
             raise InputError(refusal)
         kind: Any = target if inspect.isclass(target) else type(target)
-        if name := _async_method(kind):
+        is_async = inspect.iscoroutinefunction(target)
+        if name := getattr(target, "__name__", described) if is_async else _async_method(kind):
             raise InputError(
                 f"`{name}` of ADS `{described}` must not be `async`, as nothing awaits it: it may "
                 "call `asyncio.run`."
@@ -542,10 +543,13 @@ def adapted(target: Any, described: str, options: Mapping[str, Any]) -> Adapter:
     )
 
 
+_CALLED = ("reset", "act", "step", "close", "__call__")  # methods that an ADS may have
+
+
 @functools.lru_cache(maxsize=64)  # asked for every case
 def _async_method(kind: type) -> str:
     """Name of a class's first method that is `async` although it is called, "" if none is."""
-    methods = ((name, getattr(kind, name, None)) for name in ("reset", "act", "step", "close"))
+    methods = ((name, getattr(kind, name, None)) for name in _CALLED)
     return next((name for name, it in methods if inspect.iscoroutinefunction(it)), "")
 
 
