@@ -11,13 +11,12 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
-from sumo_eval.input_file import write_whole
 from sumo_eval.nightly.bases import NIGHT
 from sumo_eval.nightly.history import Night
 from sumo_eval.nightly.judgement import Judgement, Since
 from sumo_eval.report.comparison_lines import difference_lines, gate_lines, ways_to, worst_lines
 from sumo_eval.report.gate_result import GateResult, failed
-from sumo_eval.report.page import REPORT, Json, case_key
+from sumo_eval.report.page import REPORT, Json, case_key, write_page
 from sumo_eval.report.words import one_line
 from sumo_eval.results import Evaluation
 from sumo_eval.scoring.comparison import builds_besides
@@ -58,7 +57,7 @@ def write_night(
         (folder / SUMMARY, "\n".join(markdown_lines(night, judgement, folder))),
         (history / CHAT, json.dumps({"text": chat_text(night, judgement)})),
     ):
-        write_whole(path, text + "\n")
+        write_page(path, text + "\n", "A result of the night")  # a path need not be UTF-8
 
 
 def _record(

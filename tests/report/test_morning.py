@@ -4,6 +4,7 @@ beside it."""
 import contextlib
 import functools
 import json
+import os
 import shlex
 import sqlite3
 from dataclasses import replace
@@ -91,6 +92,15 @@ def folder(judged, tmp_path):
     since = {gate.name: Since(SECOND, 1) for gate in failed(judged.gates)}
     write_night(tmp_path, night(SECOND, 1), "worse", judged._replace(since=since), ())
     return found
+
+
+def test_a_history_whose_path_is_not_utf8_has_its_results(judged, tmp_path):
+    history = tmp_path / os.fsdecode(b"nights\xff")
+    (history / "nights" / SECOND).mkdir(parents=True)
+    since = {gate.name: Since(SECOND, 1) for gate in failed(judged.gates)}
+    write_night(history, night(SECOND, 1), "worse", judged._replace(since=since), ())
+    (limit,) = read_json(history / "nights" / SECOND / "night.json")["failed"]
+    assert str(history) in limit["cases"][0]["replay"]
 
 
 def test_summary_and_chat_say_what_failed_and_since_when(judged, folder):
