@@ -167,8 +167,10 @@ def read_exposures(folder: Path) -> dict[str, Any]:
     return read_sealed(path) if path.exists() else {}
 
 
-def read_settings(folder: Path) -> EvaluationSettings:
+def read_settings(folder: Path, *, driving: bool = False) -> EvaluationSettings:
     """The resolved evaluation of a run.
+
+    driving: whether the run's ADSs will drive.
 
     Raises InputError for a run that names code and that this user neither recorded here nor trusts.
     """
@@ -177,14 +179,14 @@ def read_settings(folder: Path) -> EvaluationSettings:
     settings = read_evaluation(folder / EVALUATION)
     # Whether a run names code does not depend on the source folder. So the manifest, which has that
     # folder, is read only if the run does.
-    if code_of(settings, folder, driving=False):
-        refuse_foreign_code(folder, settings, source_of(folder))
+    if code_of(settings, folder, driving=driving):
+        refuse_foreign_code(folder, settings, source_of(folder), driving=driving)
     return settings
 
 
-def resolved_run(folder: Path) -> Resolved:
-    """The evaluation of a run with its scenarios."""
-    return Resolved.of(read_settings(folder), source_of(folder))
+def resolved_run(folder: Path, *, driving: bool = False) -> Resolved:
+    """The evaluation of a run with its scenarios; `driving` as in `read_settings`."""
+    return Resolved.of(read_settings(folder, driving=driving), source_of(folder))
 
 
 def source_of(folder: Path) -> Path:

@@ -85,7 +85,7 @@ class WhatIf:
 
     def __init__(self, run: Path, progress: Progress = quiet) -> None:
         self._progress = progress
-        self._run = resolved_run(run)
+        self._run = resolved_run(run, driving=True)
         self._exposures = read_exposures(run)
         settings = self._run.settings
         # only contacts matter here: once the outcome is decided, the rest need not be driven

@@ -190,9 +190,12 @@ def test_advice_for_a_run_whose_only_code_is_its_ads_works(tmp_path, monkeypatch
     sumo_eval.evaluate(tmp_path / "evaluation.toml", run)
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
     trust._trusted.clear()
+    (tmp_path / "it_ran").unlink(missing_ok=True)
 
-    status, words = said("run", "--out", run, "--resume")
-    assert status == 2
+    for command in (("whatif", run, CASE), ("run", "--out", run, "--resume")):
+        status, words = said(*command)
+        assert status == 2
+        assert not (tmp_path / "it_ran").exists()
     advice = words.rpartition("sumo-eval ")[2].strip().removesuffix(".")
     assert said(*shlex.split(advice))[0] == 0
 
