@@ -1721,6 +1721,17 @@ def test_a_condition_too_long_for_a_scenario_file_is_refused(tmp_path):
         scenario_content(read, {})
 
 
+def test_an_event_below_does_not_move_the_awaited_end_of_a_change(tmp_path):
+    """15 m/s become 5 m/s from 2 s on, so braking at 5 m/s2 from 10 s on ends at 11 s, not 13 s."""
+    slower = timed(BRAKE.replace('value="0"', 'value="5"'), 2, n=2)
+    brake, then = timed(BRAKE, 10), timed(OFFSET, COMPLETE.format("e1"), n=3)
+    acts = acts_of(tmp_path, events=slower + brake + then)
+    assert acts[2].begin == pytest.approx(11.0)
+    assert acts_of(tmp_path, events=brake + slower)  # not awaited
+    with refusal("may move before by an event below it in the file"):
+        acts_of(tmp_path, events=brake + slower + then)
+
+
 def test_a_speed_relative_to_a_deleted_entity_is_refused(tmp_path):
     """`Third` is deleted at 0 s, so it has no speed when the other's changes at 2 s."""
     third = """<ScenarioObject name="Third"><CatalogReference catalogName="cars" entryName="car"/>

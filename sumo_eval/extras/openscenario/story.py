@@ -7,13 +7,19 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from typing import Any, NamedTuple
 
-from sumo_eval.extras.openscenario.acts import FileTraffic, changes_nothing, follows
+from sumo_eval.extras.openscenario.acts import (
+    SPEEDS,
+    FileTraffic,
+    changes_nothing,
+    follows,
+    note_plan,
+)
 from sumo_eval.extras.openscenario.conformity import IGNORED
 from sumo_eval.extras.openscenario.drive_numbers import operation
 from sumo_eval.extras.openscenario.moments import NEVER, Conditions, Moment, Span
 from sumo_eval.extras.openscenario.moves import begin_action
 from sumo_eval.extras.openscenario.reading import Node
-from sumo_eval.scenario.played import AND, BELOW, COSINE, KEEP, VALUE, Act, Program
+from sumo_eval.scenario.played import AND, BELOW, COSINE, KEEP, SPEED, VALUE, Act, Program
 
 
 def _kinds(holder: Node) -> set[str]:
@@ -252,12 +258,23 @@ class Story(NamedTuple):
                 ]
                 span = Span.over(spans[0].begin, spans) if spans else Span(begin, NEVER)
             parts.append(self.conditions.note(action, around, span))
+        if awaited and begin.known:
+            self._note_ends(event, begin, names)
         span = self.conditions.note(event, above, Span.over(begin, parts))
         # an event that takes no time and begins by a condition: it ends as this condition holds
         if awaited and begin.program and span.end < NEVER and not span.ended:
             ended = self.conditions.latch(begin.program, begin.time)
             return replace(span, end=NEVER, ended=ended)
         return span
+
+    def _note_ends(self, event: Node, begin: Moment, names: list[str]) -> None:
+        """Note changes of speed whose ends are awaited: how long they take depends on the speed at
+        which they begin.
+        """
+        for name in names:
+            entity = self.traffic.places.entity(name, event)
+            if entity.acts and (entity.acts[-1].kind, entity.acts[-1].begin) == (SPEED, begin.time):
+                note_plan(entity, begin, SPEEDS, event, (entity.number, len(entity.acts) - 1))
 
     def _idle(self, action: Node, names: list[str]) -> bool:
         """Whether an action has no meaning here; such an action is noted. A move of the ego is
