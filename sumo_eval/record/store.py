@@ -3,9 +3,10 @@ in one transaction.
 
 `open_store` compares a file with its hashes (`record/facts_file.py`) once in each process, before
 anything is read. `vouch` notes in the run's cache that a file was checked as a whole. As long as
-that file does not change, later processes check less: a case when they read it, and the whole file
-in `facts` and `digest`. They read lists and counts (`names`, `outcomes`, `counts`,
-`drivers_at_points`, `simulated_alone`) unchecked.
+that file does not change, later processes check only what they read: one case when they read it,
+all cases in `facts` and `digest`. Lists and counts (as `names`, `outcomes`) they read unchecked.
+
+Only the process that holds `run_folder.only_writer` may write.
 
 Users: `cli/`, `evaluation.py`, `nightly/`, `record/`, `report/`, `scoring/`, `extras/`.
 """
@@ -99,11 +100,13 @@ class Store(FactsFile):
     def add(self, *outcomes: Outcome) -> None:
         """Record cases, each with its row and all its trajectories: all of them or none.
 
-        A case replaces one of the same name that was recorded with another fingerprint. No case may
-        be recorded with its present one (`holds`).
+        A case replaces one of the same name that was recorded with another fingerprint.
+
+        outcomes: of cases that the file does not hold with their present fingerprint (`holds`).
 
         Raises InputError when the file cannot take them in, e.g. because the disk is full.
         """
+        # by `TABLES`: the rows of each outcome
         tables = list(zip(*map(rows_of, outcomes), strict=True))
         with self._changes():
             for outcome in outcomes:
@@ -179,12 +182,12 @@ class Store(FactsFile):
         """
         case = outcome.case.key
         self._check_one(case)
-        facts, *_, drives = rows_of(outcome)  # rows by `TABLES`: one of `facts`, trajectories last
+        (facts,), *_, drives = rows_of(outcome)  # rows by `TABLES`: trajectories are the last
         before = self._first('SELECT * FROM facts WHERE "case" = ?', case)
         names = [name for _, name, *_ in self._read("PRAGMA table_info(facts)")]
         words = [
             f"{name}: {was!r}, now {value!r}"
-            for name, was, value in zip(names, before, *facts, strict=True)
+            for name, was, value in zip(names, before, facts, strict=True)
             if was != value and name in HAPPENED
         ]
         recorded = [(case, *drive) for drive in self._read(DRIVES, (case,))]
@@ -369,10 +372,11 @@ def open_store(
     store = Store(path, create=create)
     try:
         state = state_of(path)
-        # a file that is written may have changed although its state is the same
+        # a file that a process writes may have changed although its state is the same
         is_known = state in checked_files and not is_written(path)
         if not (checked or is_known):
             # a file that will be written is checked as a whole, too
+            # state[1:]: size and time of the last change
             store.unchecked = not (whole or create) and _vouched(run) == state[1:]
             if not store.unchecked:
                 store.check()

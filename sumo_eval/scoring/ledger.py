@@ -28,7 +28,7 @@ from sumo_eval.results import ScenarioResult
 from sumo_eval.scoring.findings import FACTORS, LIKENESS_FACTORS, NOTICEABLE, Findings
 from sumo_eval.trajectory import BoolArray, FloatArray, IntArray
 
-FULL = 100.0  # points of S+ or S at most
+FULL = 100.0  # points of S+ at most
 ROUNDING = 1e-9  # of an index or of points; less is only rounding
 WORTH_COUNTING = 1e-4  # of an index; `LedgerLine.cases` counts cases that lost at least this
 NOT_COMPUTED = "not computed"  # cause of a line that takes a whole term
@@ -197,7 +197,7 @@ def _avoided_lines(findings: Findings) -> _Lines:
         return
     lost = np.nan_to_num(findings.share_lost)
     groups = {
-        # a case given up after a departure with a larger U belongs to "left the road"
+        # if the ADS left the road with a U above U0 before it gave up, "left the road" has the case
         "given up, which counts as doing nothing": cases.gave_up
         & (cases.incident_severity <= cases.no_reaction_severity),
         "collisions that the ADS caused: a vehicle that does nothing has none": cases.caused,
@@ -237,7 +237,7 @@ def _collision_lines(findings: Findings) -> _Lines:
         ("collisions that the ideal vehicle only softens", ~safe & ideal_collides),
     )
     for cause, belongs in groups:
-        # nan without a collision, and where Ug is not known: in no group
+        # cases without a collision or a known Ug have no part in C: their loss is nan
         places = np.flatnonzero(belongs & np.isfinite(lost))
         if len(places):
             yield _line(findings, "C", cause, places, lost=lost[places], equation="14–17")

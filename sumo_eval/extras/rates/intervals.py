@@ -16,7 +16,7 @@ LEVEL = 0.95
 OUTERMOST = 3  # k of `end_interval`
 
 Limits = tuple[float, float, float]
-"""A value and its 95 % limits."""
+"""A value and the limits of its interval; their level is `LEVEL` or a function's argument."""
 
 
 def of_each(count: int) -> float:
@@ -43,7 +43,7 @@ def rate_interval(events: int, exposure: float, level: float = LEVEL) -> tuple[f
 def end_interval(values: FloatArray, *, upper: bool, level: float = LEVEL) -> tuple[float, float]:
     """Interval of the end of a range, from the k + 1 outermost values, k = `OUTERMOST`.
 
-    values: within the range, (n,).
+    values: within the range, (n,), at least 2.
     upper: whether of the range's upper end; else of its lower one.
 
     The interval begins at the outermost value. Let e be the distance from this value to the end of

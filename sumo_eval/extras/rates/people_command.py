@@ -17,7 +17,7 @@ from sumo_eval.errors import must_be
 
 @click.group(epilog="Example: sumo-eval humans import highd recordings --out people.csv.gz")
 def humans() -> None:
-    """Recorded human driving: import it, look for events, weigh scenarios."""
+    """Recorded human driving: import it, look for events, weigh scenarios; people's opinions."""
 
 
 @humans.command(
@@ -77,6 +77,7 @@ def exposure(scenario: str, tables: tuple[Path, ...], bandwidth: str) -> None:
     logical = catalogue.find(scenario, Path.cwd())
     names = tuple(map(str, tables))
     settings = ExposureSettings("recorded", names, bandwidth)  # type: ignore[arg-type]
+    # the notes alone; `exposure_of` opens the recordings again, by `settings`
     say(notes_of(open_people(DriverSettings(recordings=names), Path.cwd()), {}))
     tell(f"{scenario}: {exposure_of(logical, settings, DriverSettings(), Path.cwd()).about}.")
 
@@ -104,7 +105,7 @@ def exposure(scenario: str, tables: tuple[Path, ...], bandwidth: str) -> None:
     default=2.0,
     show_default=True,
     metavar="M",
-    help="Departure that they react to.",
+    help="Distance of the ego from the recorded one beyond which actors react.",
 )
 @path_option("--out", required=True, help="Scenario file to write: .toml.")
 def scene(
@@ -175,7 +176,7 @@ def opinion(run: Path, ratings: Path, out: Path | None) -> None:
     result = compare_opinion(scored(run), table)
     say(opinion_lines(result))
     path = run / "opinion.html" if out is None else out
-    write_opinion(result, run, path)
+    write_opinion(result, run, path)  # the page, and `opinion.json` in the run
     tell(f"Plot: {path}")
     tell(f"`sumo-eval report {shlex.quote(str(run))}` shows it in the report from now on.")
 

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from sumo_eval.extras.wheel.window import Window
 
 RATES = 20, 50, 100  # Hz
-TASK = "Drive as you would drive your own car. The road ahead ends by itself."
+TASK = "Drive as you would drive your own car. The drive ends by itself at the end of the road."
 ENDS = {
     "contact": "You touched another vehicle.", "standstill": "You stood still.",
     "road_end": "You have reached the end of the road.", "off_road": "You have left the road.",
@@ -64,9 +64,9 @@ def concrete_of(logical: LogicalScenario, values: Numbers) -> ConcreteScenario:
         points = sample(logical).points
         points[:, columns] = row[columns]
         away = np.linalg.norm(logical.to_unit(points) - logical.to_unit(row), axis=-1)
-        # One by one: of many points at once, a scenario from an OpenSCENARIO file checks only the
-        # constraints, not whether it supports the scene. Without a possible point, `concrete`
-        # refuses the first one.
+        # One by one: for an array of points `feasible` of a scenario from an OpenSCENARIO file
+        # checks only the constraints, not whether the importer supports the scene. Without a
+        # possible point, `row` stays as it was, and `concrete` refuses it.
         row = next(filter(logical.feasible, points[away.argsort(kind="stable")]), row)
     return logical.concrete(**logical.point(row.tolist()))
 
@@ -74,7 +74,7 @@ def concrete_of(logical: LogicalScenario, values: Numbers) -> ConcreteScenario:
 def new_tape(folder: Path, name: str) -> Path:
     """File of the next drive of a name: NAME-NUMBER.jsonl, one that does not exist yet.
 
-    In a study, `outcome` takes the case from this name.
+    In a study, `wheel/outcome.py` takes the case of an unfinished drive from this name.
     """
     paths = (folder / f"{name}-{number:03d}.jsonl" for number in itertools.count(1))
     return next(path for path in paths if not path.exists())
