@@ -141,8 +141,7 @@ def _scene(root: Node, given: Mapping[str, Value], options: FileOptions) -> File
             place_apart(traffic, distance, entity)
     # 3. the actors by number: all but the ego and those that are deleted at the start
     delete_at_once(story, conditions)
-    if ego.deleted:
-        raise ego.element.fault("it must not be deleted: the ADS drives it")
+    starts.check_ego()
     actors += [it for it in entities.values() if it is not ego and not it.deleted]
     for number, entity in enumerate(actors):
         entity.number = number

@@ -56,10 +56,16 @@ class Starts:
                 waiting += [] if entity.deleted else [(action, entity)]
             else:
                 self.places.ignore(inner)
+        self.check_ego()
         for element, entity in waiting:
             entity.waits += element.find("SpeedAction") is not None
         while waiting:
             waiting = self._do_possible(waiting)
+
+    def check_ego(self) -> None:
+        """Refuse a file that deletes the ego at the start."""
+        if self.ego.deleted:
+            raise self.ego.element.fault("it must not be deleted: the ADS drives it")
 
     def _do_possible(self, waiting: Actions) -> Actions:
         """Do the actions of Init that need no unknown place or speed; return the rest.
