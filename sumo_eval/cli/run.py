@@ -191,7 +191,7 @@ def merge(shards: tuple[Path, ...], out: Path, everything: bool) -> None:
     from sumo_eval.evaluation import discard_trajectories
     from sumo_eval.record.facts import merge as put_together
 
-    put_together(shards, out)
+    say(put_together(shards, out).notes)
     result = scored(out)
     discard_trajectories(result)
     finish(result, everything=everything)

@@ -35,6 +35,7 @@ from sumo_eval.record.only import narrowed, points_only
 from sumo_eval.record.points import choose_points, refuse_unknown_axes, scenario_weights
 from sumo_eval.record.progress import Progress, Stopping, never, quiet
 from sumo_eval.record.qualification import read_qualification
+from sumo_eval.record.reads import UNKNOWN
 from sumo_eval.record.recording import (
     Planner,
     Space,
@@ -66,7 +67,7 @@ from sumo_eval.settings.config import (
 )
 from sumo_eval.settings.random_streams import random_stream
 from sumo_eval.settings.toml_file import refuse_unfit
-from sumo_eval.text import shown
+from sumo_eval.text import clean, shown
 
 Evaluable = EvaluationSettings | Mapping[str, Any] | str | os.PathLike[str] | None
 """Settings, the content of their file as a dict, the path of such a file or of a run, or None: the
@@ -389,18 +390,27 @@ def merge(shards: Sequence[Path], out: Path) -> Recorded:
             remember(out, settings, run.source)
         for shard in sorted(folders):
             store.take_over(folders[shard])
+        # of the scenarios as they were driven: their files may have changed since
+        run_folder.write_exposures(out, run_folder.read_exposures(shards[0]))
         store.seal()
-        return _counted(store)
+        mixed = {ads: file for ads, file, digest in store.files_read() if digest == UNKNOWN}
+        notes = (
+            f"ADS `{clean(ads)}` may have driven with more than one version of {clean(file)}: its "
+            "scores would mix them."
+            for ads, file in mixed.items()
+        )
+        return replace(_counted(store), notes=tuple(notes))
 
 
 def _shard_of(
     folder: Path, first: Path, settings: EvaluationSettings, manifest: Mapping[str, Any]
 ) -> tuple[int, int]:
-    """Number and count of a complete shard, refused unless it is of the same evaluation and
+    """Number and count of a complete shard, refused unless it is of the same evaluation, files and
     versions as the first.
     """
     other = run_folder.read_settings(folder)
-    versions = run_folder.versions_of(run_folder.read_manifest(folder))
+    own = run_folder.read_manifest(folder)
+    versions = run_folder.versions_of(own)
     first_versions = run_folder.versions_of(manifest)
     # of `[run]`, `only` alone is compared: it chooses the cases
     if replace(other, run=replace(settings.run, only=other.run.only)) != settings:
@@ -410,6 +420,13 @@ def _shard_of(
     for name in ("sumo_eval", "libsumo"):
         if versions[name] != first_versions[name]:
             raise InputError(f"{folder} was made with another version of {name} than {first}.")
+    if own["files"] != manifest["files"] or (
+        run_folder.read_exposures(folder) != run_folder.read_exposures(first)
+    ):
+        raise InputError(
+            f"{folder} was made with other files of scenarios or recordings than {first}: they "
+            "were changed in between. Record one of the two again."
+        )
     with open_store(folder) as store:
         run_folder.refuse_incomplete(store, folder)
         return parse_shard(store.noted(run_folder.SHARD))

@@ -7,8 +7,8 @@ the evaluation. Files that the process writes do not count, nor do compiled Pyth
 process has read stays in its memory: so all cases of an ADS depend on all files that its processes
 have read.
 
-Users: `extras/studies/trials.py`, `record/claims.py`, `record/engines.py`, `record/recording.py`,
-`record/store.py`, `record/worker.py`.
+Users: `extras/studies/trials.py`, `record/claims.py`, `record/engines.py`, `record/facts.py`,
+`record/recording.py`, `record/store.py`, `record/worker.py`.
 """
 
 from __future__ import annotations

@@ -27,6 +27,7 @@ from sumo_eval.record.facts import merge, parse_shard, record_facts, resolve, ve
 from sumo_eval.record.run_folder import SHARD, only_writer, refuse_incomplete
 from sumo_eval.record.store import open_store
 from sumo_eval.scenario.resolved import Resolved
+from sumo_eval.scenario.shipped_files import scenario_files
 from sumo_eval.settings import DriverSettings
 from sumo_eval.settings.config import read_evaluation
 
@@ -338,6 +339,34 @@ def test_shards_of_other_cases_make_no_whole(tmp_path):
         record_facts(replace(run, shard=(1 + number, 2)), folders[number])
     with refusal("is of another evaluation"):
         merge(folders, tmp_path / "merged")
+
+
+def test_files_that_changed_between_shards_are_named(tmp_path):
+    ads, scenario = tmp_path / "mine.py", tmp_path / "slow.toml"
+    shipped = scenario_files()["front_vehicle_low_speed"].read_text()
+    scenario.write_text(shipped)
+    (tmp_path / "evaluation.toml").write_text(
+        'name = "x"\n[[scenario]]\nuse = "slow.toml"\nsampling = { levels = 2 }\n[[ads]]\nname = "m"'
+        '\ncontroller = "mine.py:acc"\n[drivers]\ncount = 2\n[run]\nengine = "serial"\n'
+    )
+
+    def shard(number, braking):
+        folder = tmp_path / f"{number}{braking}"
+        ads.write_text(f"def acc(seen):\n    return -{braking}.0\n")
+        run = resolve(tmp_path / "evaluation.toml", folder, resume=False)
+        record_facts(replace(run, shard=(number, 2)), folder)
+        return folder
+
+    first, second = shard(1, 0), shard(2, 3)
+    recorded = run_folder.read_exposures(first)
+    scenario.write_text(shipped.replace("speed of the ego", "its speed"))
+    assert merge((first, second), tmp_path / "all").notes == (
+        "ADS `mine.py:acc` may have driven with more than one version of mine.py: its scores would "
+        "mix them.",
+    )
+    assert run_folder.read_exposures(tmp_path / "all") == recorded
+    with refusal("other files of scenarios or recordings"):
+        merge((first, shard(2, 0)), tmp_path / "other")
 
 
 @pytest.mark.parametrize("text", ["0/4", "5/4", "1", "a/b", "1/", "-1/4", "1/" + "9" * 5000])
