@@ -222,7 +222,7 @@ def missing_bounds(
       known whether the ideal vehicle avoids it: at worst 0, at best no part in H.
     - A case in C. At worst a collision of ratio 0, which never raises Eq. 17's mean, at best one of
       ratio 1, which never lowers it. But where the ideal vehicle avoids the contact, Ug is 0 m/s,
-      and any contact has a U above 0: no ratio is 1, so at best there is no collision. (A loss in
+      and any contact has a U above 0: no ratio is 1, so at best the ADS avoids it too. (A loss in
       0..1 may be 0, so that the ratio is 1 even there.)
     - D_i of a safe case without a collision. At worst 0, at best 1.
     - S follows from C and D. A missing safe case may have been a collision, after which there is no
