@@ -138,8 +138,10 @@ class FactsFile:
         except sqlite3.IntegrityError:
             raise  # a case is recorded already: `take_over` reports it
         except sqlite3.Error as error:
+            # SQLite knows a full disk, but not a full quota
+            cause = " or full quota" if str(error) == "disk I/O error" else ""
             raise InputError(
-                f"{self.path} cannot be written: {error}. Earlier results are kept."
+                f"{self.path} cannot be written: {error}{cause}. Earlier results are kept."
             ) from error
 
     def note(self, name: str, value: str) -> None:

@@ -1,5 +1,6 @@
 """The facts file: what goes in comes out, a case whole or not at all, foreign files refused."""
 
+import resource
 import sqlite3
 import subprocess
 import sys
@@ -192,6 +193,17 @@ def test_a_case_with_another_fingerprint_takes_the_place_of_the_old_one(store):
     (fact,) = store.facts("ads")
     assert fact.status == "crashed"
     assert store.trajectories(fact.case) == {}
+
+
+def test_a_full_quota_is_reported(path):
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    with open_store(path.parent, create=True) as store:
+        try:
+            resource.setrlimit(resource.RLIMIT_FSIZE, (path.stat().st_size, limits[1]))
+            with refusal("cannot be written: disk I/O error or full quota. Earlier"):
+                store.add(Outcome(case(), "ok", driven(a=drive(4000))))
+        finally:
+            resource.setrlimit(resource.RLIMIT_FSIZE, limits)
 
 
 def test_a_full_disk_is_reported_and_what_was_recorded_stays(path):
