@@ -106,4 +106,6 @@ def sample(
     refused = len(chosen.refused)
     total = len(chosen.points) + refused
     tell(f"{title}; constraints refuse {refused} of {total} ({refused / total:z.1%}).")
+    if chosen.method == "adaptive" and total != count:
+        tell(f"  The first round of {count} points: in a run, results choose the further ones.")
     say((*(f"  {note}" for note in chosen.notes), str(table), str(page)))

@@ -51,6 +51,14 @@ def test_the_same_seed_samples_the_same_points_and_another_seed_others(tmp_path)
     assert texts[0] == texts[1] != texts[2]
 
 
+def test_points_of_the_first_round_are_named_so(tmp_path):
+    done = sumo_eval(f"sample cut_in --method adaptive --count 20 --out {tmp_path}/20")
+    assert "adaptive, 8 points" in done.said
+    assert "The first round of 20 points" in done.said
+    done = sumo_eval(f"sample cut_in --method adaptive --count 8 --out {tmp_path}/8")
+    assert "first round" not in done.said
+
+
 @pytest.mark.parametrize("what, key", [("scenario", "parameter"), ("evaluation", "ads")])
 def test_schema_prints_a_json_schema(what, key):
     assert key in json.loads(sumo_eval("schema", what).said)["properties"]
