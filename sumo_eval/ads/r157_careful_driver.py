@@ -3,11 +3,14 @@
 
 It perceives an event and evaluates it for 0.4 s. Its brakes begin to act 0.75 s after braking
 became necessary, and rise from 0 to 0.774 g in 0.6 s. Between events it keeps its speed and its
-lane. It knows no more than the present and past positions and speeds of the other vehicles. The
-instant at which a threshold is crossed is interpolated linearly between two steps.
+lane. It knows no more than the present and past positions and speeds of the other vehicles.
+Between two steps, the instant at which `wander` or `in_path_limit` is crossed is interpolated
+linearly; for other thresholds the code says how.
 
 Source: UN R157, Annex 4, Appendix 3 (original series), Annex 3 (amended); AEB stage as in esmini's
 R157 controllers. docs/baselines.md lists the readings.
+
+Users: `cosim/doors/controller.py`, by name.
 """
 
 from dataclasses import KW_ONLY, dataclass
@@ -110,7 +113,7 @@ _WATCHED = fields(
 lane_y: y of the centre of the lane where the vehicle was first seen, m; of a vehicle that stood
     then, its own y.
 offset, time, speed: distance to the left of `lane_y`, m, time, s, and speed along the road, m/s,
-    when it was last seen.
+    when it was last looked at. Every vehicle in the network is, hidden or not.
 strayed_at: instant from which it is further from `lane_y` than wandering explains, s.
 braking: its mean deceleration between the last two looks, m/s2; negative: it got faster.
 braked_at: instant at which `braking` exceeded the driver's threshold, s.
@@ -153,7 +156,8 @@ def careful_driver(
         path, braked.lost, releases, own.p.brakes, vehicle, step
     )
     ego.command.steering = lane_kept(ego, shared)
-    # settled: without an event it does nothing as long as no vehicle comes nearer
+    # settled: without an event it does nothing as long as no vehicle comes nearer, so the loop may
+    # end the case
     ego.settled = 1 - own.aeb_brakes
     for j in range(len(others)):
         if not isnan(watched[j].necessary_at):
@@ -187,14 +191,14 @@ def _braking_necessary(
 
 @kernel
 def _look_at(other: Any, known: Any, p: Any, scenario: Any, time: float) -> None:
-    """Write into the memory what a vehicle that is in sight shows at this step."""
+    """Write into the memory what a vehicle in the network shows at this step, hidden or not."""
     braking = 0.0
     if isnan(known.lane_y):  # first seen at this step
         centre = scenario.road.lane_width * round(other.y / scenario.road.lane_width)
         # a vehicle parked off the centre has not strayed
         known.lane_y = centre if other.speed > 0.0 else other.y
     else:
-        # it may have been out of sight for some steps
+        # it may have been out of the network for some steps
         steps = max(round((time - known.time) / scenario.step), 1)
         braking = (known.speed - other.along) / (steps * scenario.step)
     offset = other.y - known.lane_y
@@ -205,7 +209,7 @@ def _look_at(other: Any, known: Any, p: Any, scenario: Any, time: float) -> None
         share = max((p.wander - before) / (now - before), 0.0)
         known.strayed_at = known.time + share * (time - known.time)
     if isnan(known.braked_at) and braking > p.lead_braking:
-        known.braked_at = time - scenario.step  # the earliest instant: braking may jump
+        known.braked_at = time - scenario.step  # not interpolated: braking may jump at any instant
     known.offset, known.time = offset, time
     known.braking, known.speed = braking, other.along
 
@@ -294,10 +298,10 @@ def _find_events_in_path(
 
 @kernel
 def _revealed(own: Any, others: Any, watched: Any, j: int, leaves: int, time: float) -> float:
-    """Instant at which the driver perceived vehicle j, which must be near, as revealed or as
-    braking, s; nan while it is neither.
+    """Instant at which the driver perceived vehicle j as revealed or as braking, s; nan while it is
+    neither. To be revealed, j or the vehicle that leaves must be near; to brake, j must.
 
-    The instant is at most one evaluation ago: no evaluation has ended before now.
+    The instant is at most one evaluation ago, so that the evaluation ends now at the earliest.
 
     leaves: index of the nearest vehicle that has left the ego's lane; -1: none.
     """
@@ -345,7 +349,8 @@ def _needed(me: Any, other: Any, known: Any, p: Any) -> float:
 
 @kernel
 def _end_events_within(me: Any, others: Any, watched: Any, step: float) -> float:
-    """Time until the ego is as slow as all vehicles for which it brakes, s; inf: not in this step.
+    """Time until the ego is as slow as all vehicles for which it brakes, s; inf: not in this step,
+    or such a vehicle brakes itself, or the ego does not brake.
 
     If that is in this step, the events of these vehicles end.
     """
@@ -397,7 +402,7 @@ def _watch_over(
     others: Any, own: Any, watched: Any, others_then: Any, step: float, time: float
 ) -> None:
     """Decide whether the AEB stage brakes: for a vehicle in sight and fully in the path, from
-    TTC < 1.5 s until the ego no longer closes in on any such vehicle.
+    TTC < 1.5 s until the ego no longer closes in on any vehicle fully in the path.
 
     time: now, s.
     """
@@ -405,7 +410,7 @@ def _watch_over(
         sight(watched[j].sighting, others[j], step)
     if own.aeb_brakes == 0:
         scene = (own, watched, others_then, step)
-        if _aeb_demand(scene, step) > 0.0:
+        if _aeb_demand(scene, step) > 0.0:  # the demand is 0 or 1: its limit is 0
             begins = (
                 0.0
                 if _aeb_demand(scene, 0.0) > 0.0

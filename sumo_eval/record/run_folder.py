@@ -1,9 +1,8 @@
 """A run's folder: the resolved evaluation, the manifest (versions and machine that made the run),
-SUMO's input files, and the facts. `record.facts` writes it, one process at a time; all that reads a
-run opens it here.
+SUMO's input files, and the facts. One process at a time writes it (`only_writer`).
+`record.facts` also decides whether a run may be resumed with these settings.
 
-Users: `cli/`, `evaluation.py`, `nightly/`, `record/`, `report/`, `scoring/comparison.py`,
-`whatif/search.py`, `extras/`.
+Users: `cli/`, `evaluation.py`, `nightly/`, `record/`, `report/`, `whatif/search.py`, `extras/`.
 """
 
 import platform
@@ -56,8 +55,8 @@ def only_writer(folder: Path, *, resume: bool) -> Iterator[None]:
 
 
 def refuse_foreign(folder: Path, resume: bool) -> None:
-    """Refuse a folder that is not empty, unless `resume` and the folder holds a run, finished or
-    not.
+    """Refuse a folder that holds anything but a lock and given ADSs, unless `resume` and it holds
+    a run, finished or not, or only files of a run that was stopped while it began.
     """
     if not folder.exists():
         return
@@ -100,7 +99,8 @@ def create(
 
     source: folder where relative paths of the evaluation start.
     examples: one concrete scenario of each logical one.
-    another_round: whether the process that began or resumed the run continues it.
+    another_round: whether the process that began or resumed the run continues it; else an existing
+        run is resumed now, and the manifest notes that.
     """
     # imported here: what only reads a run needs nothing of `cosim`
     from sumo_eval.record.identity import hashes_of_inputs
@@ -168,7 +168,7 @@ def read_exposures(folder: Path) -> dict[str, Any]:
 
 
 def read_settings(folder: Path, *, driving: bool = False) -> EvaluationSettings:
-    """The resolved evaluation of a run.
+    """The settings of a run, with everything that its evaluation file left out.
 
     driving: whether the run's ADSs will drive.
 
@@ -177,8 +177,8 @@ def read_settings(folder: Path, *, driving: bool = False) -> EvaluationSettings:
     if not (folder / FACTS).is_file():
         raise InputError(f"{folder} is not a run folder: there is no {FACTS} in it.")
     settings = read_evaluation(folder / EVALUATION)
-    # Whether a run names code does not depend on the source folder. So the manifest, which has that
-    # folder, is read only if the run does.
+    # Whether a run names code does not depend on the source folder, so any folder will do here. The
+    # manifest, which has the source folder, is read only if the run does.
     if code_of(settings, folder, driving=driving):
         refuse_foreign_code(folder, settings, source_of(folder), driving=driving)
     return settings
@@ -195,8 +195,8 @@ def source_of(folder: Path) -> Path:
 
 
 def trust_own_runs(*runs: Path) -> bool:
-    """Trust the code of those runs that the user has recorded or trusted on this machine, also
-    where another run names it.
+    """Trust the code of those runs that the user has recorded or trusted on this machine; also in
+    this process's other runs, if they name the same code.
 
     Returns whether these are all of the runs.
     """

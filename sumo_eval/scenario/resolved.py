@@ -40,8 +40,8 @@ class Resolved:
     def of(cls, settings: EvaluationSettings, source: Path) -> Resolved:
         """Look up its scenarios.
 
-        Raises InputError for an unknown one, for two of one name, and for axes of a map that are
-        not two of the scenario's parameters.
+        Raises InputError for an unknown one, for two of one name, for a tolerance of a parameter
+        that none has, and for axes of a map that are not two of the scenario's parameters.
         """
         vehicle = settings.simulation.vehicle
         scenarios = [find_with(vehicle, entry.use, source) for entry in settings.scenario]
@@ -50,6 +50,7 @@ class Resolved:
         check_known("parameter in `drivers.tolerance`:", names, *(settings.drivers.tolerance or ()))
         for logical in scenarios:
             axes = settings.report.axes.get(logical.name, ())
+            # `column` refuses an unknown name
             if len(set(map(logical.column, axes))) < len(axes):
                 owner = f"scenario `{logical.name}`"
                 raise must_be("`report.axes`", owner, "two different parameters", axes)
@@ -62,13 +63,14 @@ class Resolved:
 
 
 def find_with(vehicle: VehicleSettings, use: str, folder: Path) -> LogicalScenario:
-    """A scenario by its name, file or locator (`catalogue.find`). Where it prescribes no body of
-    the ego, it has that of this vehicle: gaps begin at its bumpers, zones have its width.
+    """A scenario by its name, file or locator (`catalogue.find`). Where a scenario file prescribes
+    no body of the ego, it has that of this vehicle: gaps begin at its bumpers, zones have its
+    width.
     """
     logical = catalogue.find(use, folder)
     body = EgoBody(vehicle.length, vehicle.width)
     place = logical.place
-    # any other function `place` than a scenario file's `Placement` decides on gaps itself
+    # a user's function `place`, which is no `Placement`, decides on gaps itself
     if logical.ego_body or body == STANDARD_EGO or not isinstance(place, Placement):
         return logical
     ego = replace(place.ego, length=body.length, width=body.width)

@@ -139,7 +139,7 @@ def _add(traci: Any, vehicles: Trajectories, edges: Sequence[str]) -> None:
 
 
 def _place(traci: Any, name: str, trajectory: Trajectory, moment: float, edge: str) -> None:
-    """Put a vehicle where it was at a moment, s.
+    """Put a vehicle where it was at a moment, s; after its last sample, where it was then.
 
     SUMO's point is the middle of the front bumper, its angle clockwise from north.
 
@@ -150,6 +150,7 @@ def _place(traci: Any, name: str, trajectory: Trajectory, moment: float, edge: s
         for channel in (trajectory.x, trajectory.y, np.unwrap(trajectory.heading))
     )
     half = trajectory.length / 2.0
+    # the lane only helps SUMO to find the road: `keepRoute` 2 lets a vehicle be anywhere on the map
     traci.vehicle.moveToXY(
         name, edge, 0 if edge else -1, x + math.cos(heading) * half, y + math.sin(heading) * half,
         angle=90.0 - math.degrees(heading), keepRoute=2,

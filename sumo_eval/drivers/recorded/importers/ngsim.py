@@ -76,10 +76,10 @@ def read(path: Path) -> Samples:
             "lane": rows["right_lane"] - rows["Lane_ID"].astype(np.int64),
         }
     )
-    # y = 0: where a recording's vehicles drive (median) in that lane of it nearest to lane 0
+    # y = 0 is the median of y in the right lane, or, if a recording has none, in the nearest lane
     lanes_off = table["lane"].abs()
-    right = table["y"].where(lanes_off == lanes_off.groupby(table["recording"]).transform("min"))
-    table["y"] -= right.groupby(table["recording"]).transform("median")
+    nearest = table["y"].where(lanes_off == lanes_off.groupby(table["recording"]).transform("min"))
+    table["y"] -= nearest.groupby(table["recording"]).transform("median")
     notes = [f"{path.name} has no headings: 0 is assumed."]
     for place, lane in rows.groupby("place")["right_lane"].first().items():
         notes.append(
