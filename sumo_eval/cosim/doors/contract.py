@@ -49,9 +49,8 @@ _LINES = 12  # last lines of a log that a finding shows
 _COMMANDS = ("acceleration", "steering_angle")  # clips of commands out of range
 RUN = RunSettings()
 PATIENCE = 60.0  # s of wall time, after which no further case is driven
-_MARGIN = (
-    0.5  # share of a limit from which there is a finding: a busier machine takes twice as long
-)
+# share of a limit from which there is a finding: a busier machine takes twice as long
+_MARGIN = 0.5
 _HINTS = {
     r"[Tt]ype '.*' is not known": "a type of the ego's own is the class attribute `vehicle_type`, "
     "e.g. "
