@@ -83,6 +83,7 @@ def sample(
     """
     from sumo_eval.record.points import choose_points
     from sumo_eval.report.points_page import write_points
+    from sumo_eval.report.words import count as counted
     from sumo_eval.scenario.catalogue import find
     from sumo_eval.scenario.sampling.samples import METHODS
     from sumo_eval.settings import EvaluationSettings, SamplingSettings, ScenarioSettings
@@ -99,7 +100,7 @@ def sample(
     settings = EvaluationSettings("sample", (entry,), seed=seed)
     logical = find(scenario, Path.cwd())
     chosen = choose_points(logical, entry, Path.cwd(), settings)
-    title = f"{logical.name}: {chosen.method}, {len(chosen.points)} points"
+    title = f"{logical.name}: {chosen.method}, {counted(len(chosen.points), 'point')}"
     table, page = write_points(
         logical, chosen, out or out_folder.default(logical.name, "points"), title
     )
@@ -107,5 +108,6 @@ def sample(
     total = len(chosen.points) + refused
     tell(f"{title}; constraints refuse {refused} of {total} ({refused / total:z.1%}).")
     if chosen.method == "adaptive" and total != count:
-        tell(f"  The first round of {count} points: in a run, results choose the further ones.")
+        first = counted(count or 0, "point")  # `or 0` for the type checker alone
+        tell(f"  The first round of {first}: in a run, results choose the further ones.")
     say((*(f"  {note}" for note in chosen.notes), str(table), str(page)))

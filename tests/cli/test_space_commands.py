@@ -51,6 +51,11 @@ def test_the_same_seed_samples_the_same_points_and_another_seed_others(tmp_path)
     assert texts[0] == texts[1] != texts[2]
 
 
+def test_a_single_point_is_one_point(tmp_path):
+    done = sumo_eval(f"sample front_vehicle_braking --method sobol --count 1 --out {tmp_path}")
+    assert "sobol, 1 point; constraints refuse 0 of 1 (0.0%)." in done.said
+
+
 def test_points_of_the_first_round_are_named_so(tmp_path):
     done = sumo_eval(f"sample cut_in --method adaptive --count 20 --out {tmp_path}/20")
     assert "adaptive, 8 points" in done.said
