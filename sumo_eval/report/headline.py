@@ -13,7 +13,9 @@ from sumo_eval.results import Evaluation, RankedAds, Ranking
 from sumo_eval.scoring.behaviour import Behaviour, behaviour_of, harm_beside, ranked
 
 SELDOM = 2.0 / 3.0
-"""Most contacts a case for which the text says "one every n cases", so that n is at least 1.5."""
+"""With at most this many contacts a case the text says "one every n cases", n at least 1.5; with
+more, how many a case has.
+"""
 MOST_NAMED = 3
 """ADSs that share the first place and are named; the rest is a number."""
 LITTLE = 0.5
@@ -163,7 +165,7 @@ def _best(ranking: Ranking, order: Sequence[RankedAds]) -> str:
     points = f"{best.ads} with {number(best.s_plus, 1)} of 100 points{interval}{parts}."
     if not others or others[0].s_plus is None:
         return points
-    pair = ranking.pair(best.ads, others[0].ads)
+    pair = ranking.pair(best.ads, others[0].ads)  # `below` is the second
     equal = [it.ads for it in others if it.place == best.place]
     if not equal:
         return f"{points} Told apart from {pair.below}, {number(others[0].s_plus, 1)}."
