@@ -4,7 +4,7 @@ in one transaction.
 `open_store` compares a file with its hashes (`record/facts_file.py`) once in each process, before
 anything is read. `vouch` notes in the run's cache that a file was checked as a whole. As long as
 that file does not change, later processes check only what they read: one case when they read it,
-all cases in `facts` and `digest`. Lists and counts (as `names`, `outcomes`) they read unchecked.
+all cases in `facts` and `digest`. They read lists, such as `names`, unchecked.
 
 Only the process that holds `run_folder.only_writer` may write.
 

@@ -118,13 +118,13 @@ def _safest(evaluation: Evaluation, behaviours: Sequence[Behaviour]) -> str:
         evaluated = any(it.cases > it.not_evaluated for it in behaviours)
         return f"not known: {_WITHOUT_GRADE if evaluated else REASON_WITHOUT_A}."
     best = graded[0]
+    if len(graded) > 1 and round(best.grade or 0.0, 2) <= 0.0:
+        return "no ADS, no A' is above 0.00."
     words = f"{best.ads} with {safety_words(evaluation, best)}."
     if best.task is not None and best.task < LITTLE:
         words += f" It did {number(best.task, 2)} of the driving task (T)."
     if len(graded) == 1:
         return words
-    if round(best.grade or 0.0, 2) <= 0.0:
-        return "no ADS, no A' is above 0.00."
     other = graded[1].ads
     pair = harm_beside(evaluation, best.ads, other)
     if pair.less == pair.more == 0:

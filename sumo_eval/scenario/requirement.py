@@ -101,13 +101,13 @@ class Requirement:
         known: parameters, options, definitions and `OUTCOMES`, by name.
         """
         numbers, time = dict(known), series["time"]
+        moment: dict[str, Any] = {**known, **series}
         for placeholder, function, inner in self.parts:
-            moment: dict[str, Any] = {**known, **series}
             values = np.broadcast_to(inner.value(moment), time.shape)
             numbers[placeholder] = float(_OVER_TIME[function](values))
             # a comparison with nan would be False silently
-            unknown = [side.value(moment) for side in inner.sides]
-            unclear = time[np.isnan(np.broadcast_arrays(values, *unknown)).any(axis=0)]
+            sides = [side.value(moment) for side in inner.sides]
+            unclear = time[np.isnan(np.broadcast_arrays(values, *sides)).any(axis=0)]
             if function == "at_end":
                 unclear = unclear[unclear == time[-1]]
             if unclear.size:

@@ -49,7 +49,7 @@ _LINES = 12  # last lines of a log that a finding shows
 _COMMANDS = ("acceleration", "steering_angle")  # clips of commands out of range
 RUN = RunSettings()
 PATIENCE = 60.0  # s of wall time, after which no further case is driven
-# share of a limit from which there is a finding: a busier machine takes twice as long
+# share of a limit from which there is a finding: a busier machine may take twice as long
 _MARGIN = 0.5
 _HINTS = {
     r"[Tt]ype '.*' is not known": "a type of the ego's own is the class attribute `vehicle_type`, "
