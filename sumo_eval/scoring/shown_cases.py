@@ -14,15 +14,15 @@ from sumo_eval.trajectory import FloatArray, IntArray
 
 # most cases on a page, of all ADSs and scenarios together; with more it would be over 10 MB
 MOST_SHOWN = 5_000
-# Weights in the choice: of a named case, of a case that was not evaluated, and the least weight of
-# an incident, which weighs at most HIT + 1. Any other case weighs at most 1.
+# Weights in the choice: of a named case, which is always chosen; of a case that was not evaluated;
+# the least of an incident, which weighs at most HIT + 1. Any other case weighs at most 1.
 _NAMED_WEIGHT, _UNEVALUATED_WEIGHT, HIT = 5.0, 4.0, 2.0
 
 
 def shown_cases(evaluation: Evaluation, named: Collection[str] = ()) -> dict[str, IntArray]:
     """Scenario -> indices of the cases on the page, the same for each of its ADSs.
 
-    named: keys of cases of failed limits.
+    named: keys of cases of failed limits; all of them are chosen.
 
     Named cases come first, with the worst case and the least human-like case of the run. Then come
     cases that were not evaluated, then incidents by U, then the least human-like cases.
@@ -51,12 +51,14 @@ def shown_cases(evaluation: Evaluation, named: Collection[str] = ()) -> dict[str
 
 def _chosen(weights: FloatArray, number: int) -> IntArray:
     """Indices of `number` cases, ascending: half of them weigh most, the other half are evenly
-    spread over the rest.
+    spread over the rest. All named cases are chosen, even if they are more than half or `number`.
 
     weights: of all cases, (n,).
     """
-    heaviest, rest = np.split(np.argsort(-weights, kind="stable"), [number // 2])
-    further = number - number // 2
+    named = np.count_nonzero(weights == _NAMED_WEIGHT)
+    by_weight = max(number // 2, named)
+    heaviest, rest = np.split(np.argsort(-weights, kind="stable"), [by_weight])
+    further = max(number - by_weight, 0)
     evenly = np.sort(rest)[np.arange(further) * len(rest) // further]
     return np.sort(np.concatenate([heaviest, evenly]))
 

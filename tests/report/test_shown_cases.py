@@ -70,6 +70,16 @@ def test_linked_cases_are_on_the_page(evaluation, most):
         )
 
 
+@pytest.mark.parametrize("number", [3, 6])
+def test_all_named_cases_are_on_the_page(evaluation, most, number):
+    """More of a scenario than the half that weighs most, and more than a page's share of it."""
+    score = evaluation.scores[-1]
+    cases = evaluation.cases_behind(score)
+    named = cases.case[np.arange(number) * len(cases) // number]
+    shown = shown_cases(evaluation, named.tolist())[score.scenario]
+    assert set(named) <= set(cases[shown].case)
+
+
 def test_a_missing_s_plus_comes_last_without_a_ranking():
     values = 0.0, None, 0.5
     scores = [SimpleNamespace(ads=it, s_plus=it, s_plus_interval=None) for it in values]
