@@ -1,7 +1,6 @@
 """Last step of scoring commands: files for people and machines, the table, the exit status.
 
-Users: `cli/compare.py`, `cli/look.py`, `cli/run.py`, `extras/figures/command.py`,
-`extras/rates/people_command.py`.
+Users: `cli/compare.py`, `cli/look.py`, `cli/run.py`, `extras/rates/people_command.py`.
 """
 
 from __future__ import annotations

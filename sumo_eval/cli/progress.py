@@ -1,7 +1,8 @@
 """Progress of long work, for all commands: a bar with rate, time left and failures on a terminal,
 plain lines elsewhere.
 
-Users: `cli/`, `extras/rates/`, `extras/studies/`, `extras/wheel/command.py`.
+Users: `cli/`, `extras/figures/command.py`, `extras/rates/`, `extras/studies/`,
+`extras/wheel/command.py`.
 """
 
 import sys

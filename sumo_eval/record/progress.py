@@ -1,6 +1,7 @@
 """Progress and stopping of long work: functions that a caller passes in.
 
-Users: `evaluation.py`, `nightly/`, `record/`, `report/assessed.py`, `scoring/`, `whatif/search.py`.
+Users: `evaluation.py`, `extras/figures/drawn.py`, `nightly/`, `record/`, `report/assessed.py`,
+`scoring/`, `whatif/search.py`.
 """
 
 from collections.abc import Callable

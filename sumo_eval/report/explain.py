@@ -1,8 +1,8 @@
 """The whole arithmetic of one case in words, each step with its equation's number, for
 `sumo-eval explain`.
 
-Users: `cli/look.py`, `cli/whatif.py`, `nightly/night.py`, `report/export_case.py`,
-`report/replay.py`.
+Users: `cli/look.py`, `cli/whatif.py`, `extras/figures/drawn.py`, `nightly/night.py`,
+`report/export_case.py`, `report/replay.py`.
 """
 
 import math

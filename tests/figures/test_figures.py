@@ -270,6 +270,13 @@ def test_the_command_draws_and_says_what_it_wrote(done, tmp_path):
     assert wrong.stderr == f"sumo-eval: {words}\n"
 
 
+@pytest.mark.parametrize("option, kind", [("ads", "ADS"), ("scenario",) * 2, ("case",) * 2])
+def test_names_are_checked_before_scoring(done, monkeypatch, option, kind):
+    monkeypatch.setattr("sumo_eval.evaluation.KeptScoring", None)  # scoring would be a TypeError
+    wrong = commands.sumo_eval("plot", done.folder, "intervals", f"--{option}", "x", status=2)
+    assert f"Unknown {kind} `x`" in wrong.stderr
+
+
 def test_the_list_of_figures_is_the_documented_one():
     documented = (
         "zone_map field trajectories time_history collisions boundary intervals points trend "

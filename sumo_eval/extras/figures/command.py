@@ -4,8 +4,8 @@ from pathlib import Path
 
 import click
 
-from sumo_eval.cli.finish import scored
 from sumo_eval.cli.options import RUN, path_option, trusting
+from sumo_eval.cli.progress import Progress
 from sumo_eval.cli.sentences import tell
 
 
@@ -36,7 +36,7 @@ def plot(
     collisions, boundary, intervals, points, opinion; a folder of nights has trend; a folder that
     `sumo-eval boundary` wrote has boundary.
     """
-    from sumo_eval.extras.figures.drawn import FIGURES, OF_RUNS, draw, is_searched
+    from sumo_eval.extras.figures.drawn import FIGURES, draw
     from sumo_eval.extras.figures.style import ending_of, refuse_without_matplotlib, save, width_of
 
     file = out or run / f"{figure}.svg"
@@ -45,8 +45,8 @@ def plot(
         width_of(width)
         ending_of(file)
         refuse_without_matplotlib()
-    # `draw` would score a run too, but without a bar on the terminal; the folders of `trend`,
-    # `opinion` and a searched boundary need no scores
-    source = scored(run) if figure in OF_RUNS and not is_searched(run, figure) else run
-    drawn = draw(source, figure, scenario=scenario, ads=ads, case=case, width=width)
+    with Progress() as progress:
+        drawn = draw(
+            run, figure, scenario=scenario, ads=ads, case=case, width=width, progress=progress
+        )
     tell(str(save(drawn, file)))

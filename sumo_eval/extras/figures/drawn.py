@@ -11,9 +11,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, TypeGuard
 
 from sumo_eval.errors import InputError, check_known
+from sumo_eval.evaluation import score
 from sumo_eval.extras.figures.chosen import FigureRequest
 from sumo_eval.extras.figures.of_scenes import boundary, field, time_history, trajectories, zone_map
 from sumo_eval.extras.figures.of_scores import collisions, intervals, points
+from sumo_eval.record.progress import Progress, quiet
+from sumo_eval.record.run_folder import resolved_run
+from sumo_eval.report.explain import known_case
 from sumo_eval.results import Evaluation
 
 if TYPE_CHECKING:
@@ -45,7 +49,7 @@ def is_searched(evaluation: Evaluation | Path, figure: str) -> TypeGuard[Path]:
 def draw(
     evaluation: Evaluation | Path, figure: str, *, scenario: str | None = None,
     ads: str | None = None,
-    case: str | None = None, width: str = "page",
+    case: str | None = None, width: str = "page", progress: Progress = quiet,
 ) -> Figure:  # fmt: skip
     """A figure by its name, of an evaluation or of a folder.
 
@@ -53,15 +57,22 @@ def draw(
         others a scored run; for `boundary` also a folder that `sumo-eval boundary` wrote.
     scenario, ads, case: names; None: the figure's default.
     width: a key of `style.WIDTHS`.
+    progress: receives the progress of scoring a folder.
     Raises InputError for an unknown name, and for an argument that the figure does not take.
     """
     check_known("figure", FIGURES, figure)
     searched = is_searched(evaluation, figure)
     if figure in OF_RUNS and not searched:
         if isinstance(evaluation, Path):
-            from sumo_eval.evaluation import score
-
-            evaluation = score(evaluation)
+            resolved = resolved_run(evaluation)
+            # names are checked before the run is scored, which takes longer
+            if scenario is not None:
+                check_known("scenario", resolved.scenarios, scenario)
+            if ads is not None:
+                check_known("ADS", [entry.name for entry in resolved.settings.ads], ads)
+            if case is not None:
+                known_case(evaluation, case)
+            evaluation = score(evaluation, resolved=resolved, progress=progress)
         return OF_RUNS[figure](FigureRequest(evaluation, scenario, ads, case, width))
     folder = evaluation.folder if isinstance(evaluation, Evaluation) else evaluation
     # of the figures of a folder only `trend` takes a scenario and an ADS, and none takes a case
