@@ -55,7 +55,7 @@ def _chosen(weights: FloatArray, number: int) -> IntArray:
 
     weights: of all cases, (n,).
     """
-    named = np.count_nonzero(weights == _NAMED_WEIGHT)
+    named = int(np.count_nonzero(weights == _NAMED_WEIGHT))
     by_weight = max(number // 2, named)
     heaviest, rest = np.split(np.argsort(-weights, kind="stable"), [by_weight])
     further = max(number - by_weight, 0)
