@@ -63,18 +63,18 @@ class Resolved:
 
 
 def find_with(vehicle: VehicleSettings, use: str, folder: Path) -> LogicalScenario:
-    """A scenario by its name, file or locator (`catalogue.find`). Where a scenario file prescribes
-    no body of the ego, it has that of this vehicle: gaps begin at its bumpers, zones have its
-    width.
+    """A scenario by its name, file or locator (`catalogue.find`). Where it prescribes no body of
+    the ego, it has that of this vehicle: zones have its size, gaps of a file begin at its bumpers.
     """
     logical = catalogue.find(use, folder)
     body = EgoBody(vehicle.length, vehicle.width)
+    if logical.ego_body or body == STANDARD_EGO:
+        return logical
     place = logical.place
     # a user's function `place`, which is no `Placement`, decides on gaps itself
-    if logical.ego_body or body == STANDARD_EGO or not isinstance(place, Placement):
-        return logical
-    ego = replace(place.ego, length=body.length, width=body.width)
-    return replace(logical, ego_body=body, place=replace(place, ego=ego))
+    if isinstance(place, Placement):
+        place = replace(place, ego=replace(place.ego, length=body.length, width=body.width))
+    return replace(logical, ego_body=body, place=place)
 
 
 def refuse_doubles(names: Sequence[str]) -> None:

@@ -18,6 +18,7 @@ from scipy.integrate import cumulative_trapezoid
 from tables import rows_of, values_of
 
 from sumo_eval.errors import InputError
+from sumo_eval.method.conflict import encounter
 from sumo_eval.scenario import (
     Actor,
     Approach,
@@ -36,12 +37,13 @@ from sumo_eval.scenario import (
 from sumo_eval.scenario.file import check_points
 from sumo_eval.scenario.resolved import find_with
 from sumo_eval.scenario.sampling.samples import sample
-from sumo_eval.settings import SimulationSettings, VehicleSettings
+from sumo_eval.settings import SimulationSettings, VehicleSettings, ZoneSettings
 
 LOW_SPEED, CUT_OUT = (
     catalogue.load("front_vehicle_low_speed"),
     catalogue.load("front_vehicle_cut_out"),
 )
+ZONES = ZoneSettings()
 ALL = [catalogue.load(name) for name in catalogue.SCENARIOS]
 each = pytest.mark.parametrize("logical", ALL, ids=lambda logical: logical.name)
 
@@ -124,6 +126,30 @@ vehicle = [{ name = "other", speed = 5.0, x = 50.0, y = 2.0 }]
     check_points(find_with(VehicleSettings(), "beside.toml", tmp_path), [[20.0]])
     with refusal("`other` .* must be clear of `ego` at the start"):
         check_points(find_with(VehicleSettings(width=2.5), "beside.toml", tmp_path), [[20.0]])
+
+
+def test_zones_of_an_own_place_have_the_width_of_the_vehicle_settings(tmp_path):
+    # a standing car 2 m beside the ego's path: only an ego wider than 2.2 m meets it
+    (tmp_path / "beside.py").write_text("""
+from sumo_eval.scenario import Actor, LogicalScenario, Parameter, Road, Start
+from sumo_eval.scenario.logical import Search
+
+def place(values):
+    return Start(50.0, 0.0, values["v"]), (Actor("car", Start(150.0, 2.0, 0.0)),)
+
+BESIDE = LogicalScenario(
+    "beside", "a", "b", (Parameter("v", 10.0, 30.0, 10.0, "m/s", "v"),), (),
+    Road("r", 600.0, 2, 3.5, 100.0), place, search=Search(0),
+)
+""")
+    use, point = "beside.py:BESIDE", np.array([[20.0]])
+    of_width = {
+        width: encounter(find_with(VehicleSettings(width=width), use, tmp_path), point, ZONES)
+        for width in (1.8, 2.5)
+    }
+    max_inverse_ttc, impact_speed, gap = of_width[1.8].ravel()
+    assert (max_inverse_ttc, impact_speed, gap) == (0.0, 0.0, math.inf)
+    assert 0.0 < of_width[2.5][0, 0] < math.inf  # 20^2 / 2 / 5 = 40 m of braking are enough
 
 
 @each
