@@ -47,18 +47,18 @@ def never_begin(concrete: ConcreteScenario, time_limit: float) -> list[tuple[Act
         for number, actor in enumerate(concrete.actors)
         for index, act in enumerate(actor.acts)
     }
-    # Moves that never end: those of an endless kind, and those that never begin. A move that waits
-    # for one of these to end never begins either, so repeat until a round adds no further move.
     endless = {move for move, act in acts.items() if act.kind in _ENDLESS}
+    # A move that waits for another's end begins only once that may end. So assume that no condition
+    # holds, and take out the moves that may begin, round by round: those that wait for their own
+    # end, directly or through others, stay.
+    never = {move for move, act in acts.items() if act.program}
     while True:
-        never = {
-            move
-            for move, act in acts.items()
-            if act.program and not _may_hold(act.program, ranges, endless)
+        still = {
+            move for move in never if not _may_hold(acts[move].program, ranges, endless | never)
         }
-        if never <= endless:
+        if still == never:
             return [(concrete.actors[number], index) for number, index in sorted(never)]
-        endless |= never
+        never = still
 
 
 def _known_ranges(concrete: ConcreteScenario, time_limit: float) -> Ranges:

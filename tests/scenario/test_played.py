@@ -300,16 +300,26 @@ def test_where_no_zone_can_be_defined_everything_is_safe():
     "distance(ego, lead) + 1 < 1", False
     "min(ttc(ego, lead), 3) < 0 and time > 1", False
     "ended(lead, keep)", False  # which lasts for ever
+    "ended(lead, b)", False  # this move itself
+    "ended(lead, b) or time > 3", True
     "speed(lead) > 50", False  # it keeps its speed, and then brakes
     "speed(lead) > 5", True
     "gap(ego, lead) < -1000", True  # nobody knows
     """),
 )
 def test_a_condition_that_never_holds_is_refused_before_a_drive(when, held):
-    brake = f'do = "brake", deceleration = 5.0, when = "{when}"'
+    brake = f'do = "brake", name = "b", deceleration = 5.0, when = "{when}"'
     logical = scene('do = "keep_speed", name = "keep"', brake)
     with nullcontext() if held else refusal("can never hold, whatever the ego does"):
         check_points(logical, [[20.0]])
+
+
+def test_two_moves_that_wait_for_each_others_end_are_refused():
+    one = 'do = "brake", name = "a", deceleration = 5.0, when = "ended(lead, b){}"'.format
+    two = 'do = "accelerate", name = "b", speed = 9.0, acceleration = 1.0, when = "ended(lead, a)"'
+    check_points(scene(one(" or time > 3"), two), [[20.0]])
+    with refusal("can never hold, whatever the ego does"):
+        check_points(scene(one(""), two), [[20.0]])
 
 
 @pytest.mark.parametrize("kind", [played.KEEP, played.FOLLOW, played.MATCH])
