@@ -412,6 +412,8 @@ def test_constraints_that_exclude_every_point_are_refused():
     nothing = replace(CUT_OUT, constraints=(Constraint("impossible", lambda v: v["gap"] > 1e9),))
     with refusal("Of 64 points, 64 are not `impossible`"):
         draw(nothing, "sobol")
+    with refusal("Of 1 point, 1 is not `impossible`"):
+        sample(nothing, "sobol", request=Request(count=1))
 
 
 @pytest.mark.parametrize(

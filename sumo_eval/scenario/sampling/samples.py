@@ -148,8 +148,13 @@ def _refusals(logical: LogicalScenario, refused: FloatArray) -> str:
     """Number of points (m, k) that each constraint excludes, as a sentence."""
     values = logical.columns(refused)
     counts = {rule.about: np.sum(~rule.holds(values)) for rule in logical.constraints}
-    by = [f"{count} are not `{about}`" for about, count in counts.items() if count]
-    return f" Of {len(refused)} points, {', '.join(by)}."
+    by = [
+        f"{count} {'is' if count == 1 else 'are'} not `{about}`"
+        for about, count in counts.items()
+        if count
+    ]
+    points = "1 point" if len(refused) == 1 else f"{len(refused)} points"
+    return f" Of {points}, {', '.join(by)}."
 
 
 def _rows(values: Any, chosen: BoolArray) -> Any:
