@@ -47,10 +47,10 @@ from sumo_eval.scenario.reachable import never_begin
 from sumo_eval.scenario.road.table import bend_name, check_line
 from sumo_eval.trajectory import BoolArray, FloatArray
 
-_MOST = 2_000_000  # points of a grid, at most
-_LOOKED_AT = 2_000  # points of a grid that are all tried before the first case, at most
-_SEARCHED = 3  # parameters of a space in which zones are searched, at most
-_LISTED = 12  # values of a parameter that its description lists, at most
+_MOST_POINTS = 2_000_000  # points of a grid, at most
+_MOST_TRIED = 2_000  # points of a grid that are all tried when the file is read, at most
+_MOST_SEARCHED = 3  # parameters of a space in which zones are searched, at most
+_MOST_LISTED = 12  # values of a parameter that its description lists, at most
 _ROUND = 10.0  # m: a road's end is a multiple of it
 _ALONG = 0.5  # cosine of the largest angle to the road at which an actor still drives along it
 # m from the ego's front to the road's end when the case ends: at the end SUMO removes the ego
@@ -98,8 +98,8 @@ class Holds:
     """Function of points: whether the file's constraints hold and the scene there is supported.
 
     allowed: the answer at every grid point, a byte each, the last axis fastest. Empty: the grid has
-        more than `_LOOKED_AT` points. Then each point is tried when it is asked for, but of more
-        than `_LOOKED_AT` points at once only the file's constraints are checked.
+        more than `_MOST_TRIED` points. Then each point is tried when it is asked for, but of more
+        than `_MOST_TRIED` points at once only the file's constraints are checked.
     """
 
     space: FileSpace
@@ -120,7 +120,7 @@ class Holds:
         holds = np.ones(rows[0].shape, dtype=np.bool_)
         for index in np.ndindex(holds.shape):
             point = {axis.name: float(row[index]) for axis, row in zip(axes, rows, strict=True)}
-            if holds.size > _LOOKED_AT:
+            if holds.size > _MOST_TRIED:
                 _, broken = declared(self.space.parameters(point))
                 holds[index] = not broken
             else:
@@ -150,31 +150,31 @@ def refusal(space: FileSpace, road: Frame, point: Numbers) -> str | None:
     `= ` stands before a reason that the file intends: a constraint forbids the point, or the point
     has another road than `road`. Other reasons are faults, or content that is not supported.
     """
-    case = _looked_at(space, point)
+    case = _case_at(space, point)
     if isinstance(case, str):
         return case
     return None if case.frame.shape == road.shape else f"= another road, {case.frame.name}"
 
 
-def _looked_at(space: FileSpace, point: Numbers) -> FileCase | str:
+def _case_at(space: FileSpace, point: Numbers) -> FileCase | str:
     """The scene at a point, or why it is not driven, as `refusal` gives it."""
     assignments = tuple(sorted(space.parameters(point).items()))
-    return _case_or_why(space.file, changes(space.file), assignments, space.options)
+    return _cached_case(space.file, changes(space.file), assignments, space.options)
 
 
-# maxsize: above `_LOOKED_AT`, because each road of a file asks for the same points again
+# maxsize: above `_MOST_TRIED`, because each road of a file asks for the same points again
 @lru_cache(maxsize=8_192)
-def _case_or_why(
+def _cached_case(
     path: Path, changed: int, assignments: Assignments, options: FileOptions
 ) -> FileCase | str:
-    """`_looked_at`, cached. changed: number of changes of files, so that a change reads again."""
+    """`_case_at`, cached. changed: number of changes of files, so that a change reads again."""
     values = dict(assignments)
     try:
         _, broken = read_openscenario(path).declared(values)
         if broken:
             return f"= {broken[0]}"
         case = read_case(path, values, options)
-        if not case.whole:  # a case that `sumo-eval export` wrote was checked in its run
+        if not case.exported:  # a case that `sumo-eval export` wrote was checked in its run
             _check_possible(path, case)
         return case
     except InputError as error:
@@ -194,7 +194,8 @@ def _check_possible(path: Path, case: FileCase) -> None:
         raise case.elements["ego"].fault(
             f"its front must be over {_BEFORE_END:g} m before its road's end"
         )
-    for name, start in ("ego", case.ego), *((it.name, it.start) for it in case.actors):
+    starts = {"ego": case.ego} | {it.name: it.start for it in case.actors}
+    for name, start in starts.items():
         if start.speed > road.speed_limit:
             fastest = f"at most {road.speed_limit:g} m/s, the fastest that roads here allow"
             raise case.elements[name].fault(f"its speed at the start must be {fastest}")
@@ -226,15 +227,15 @@ class Read(NamedTuple):
     notes: tuple[str, ...]
 
 
-def read_file(path: Path, given: Mapping[str, str] | None = None) -> Read:
+def read_file(path: Path, options: Mapping[str, str] | None = None) -> Read:
     """An OpenSCENARIO file, read and tried at points of its space.
 
-    given: option, one of `_OPTIONS` -> its value as the user wrote it.
+    options: option, one of `_OPTIONS` -> its value as the user wrote it.
 
     Raises InputError with file, line and element for what is not supported.
     """
     path = input_file(path, "OpenSCENARIO file").resolve()
-    return _read(path, changes(), tuple(sorted((given or {}).items())))
+    return _read(path, changes(), tuple(sorted((options or {}).items())))
 
 
 @lru_cache(maxsize=128)
@@ -242,27 +243,27 @@ def _read(path: Path, changed: int, given: tuple[tuple[str, str], ...]) -> Read:
     """`read_file`, cached. changed: number of changes of files, so that a change reads again."""
     options = dict(given)
     check_known(f"option of {path.name}", [it.name for it in _OPTIONS], *options)
-    for name in ("flat", "zones"):
+    for name in ("flat", "zones"):  # checked only: they have no other value than 1
         _option_number(path, options, name, 1)
-    whole = read_space(path, FileOptions(options.get("ego"), options.get("map")))
-    tried, refused = _tried(whole)
+    file_space = read_space(path, FileOptions(options.get("ego"), options.get("map")))
+    tried, refused = _tried(file_space)
     if not tried:
         raise InputError(
-            f"{path.name}: the constraints of {whole.file.name} allow no point of its space."
+            f"{path.name}: the constraints of {file_space.file.name} allow no point of its space."
         )
     roads = grouped((case.frame.shape, case.frame) for _, case in tried)
     frames = [first for first, *_ in roads.values()]
     number = _option_number(path, options, "road", len(frames)) - 1
     frame = frames[number]
     scenes = [(point, case) for point, case in tried if case.frame.shape == frame.shape]
-    space, dropped = _without_doubles(_without_roads(whole, frame, tried), scenes)
-    if "zones" in options and len(space.axes) > _SEARCHED:
+    space, dropped = _without_doubles(_without_roads(file_space, frame, tried), scenes)
+    if "zones" in options and len(space.axes) > _MOST_SEARCHED:
         # a search looks at the 3^k neighbours of a point again and again, k being the number of
         # parameters, and reads the file at each of them
         raise must_be(
             "`zones=1`", path.name,
-            f"asked of a file with at most {_SEARCHED} parameters (without it every point counts "
-            "as safe)", len(space.axes),
+            f"asked of a file with at most {_MOST_SEARCHED} parameters (without it every point "
+            "counts as safe)", len(space.axes),
         )  # fmt: skip
     logical, names = _logical(space, frame, scenes), _road_names(frames)
     notes = _notes(path, scenes, dropped)
@@ -282,7 +283,7 @@ def _read(path: Path, changed: int, given: tuple[tuple[str, str], ...]) -> Read:
         )
     road = [names[number]] if len(frames) > 1 else []
     ego = [re.sub(r"[^A-Za-z0-9]+", "_", options["ego"])] if options.get("ego") else []
-    name = "_".join([whole.name, *road, *ego])
+    name = "_".join([file_space.name, *road, *ego])
     logical = replace(logical, name=name, notes=(*notes, *further))
     return Read(logical, space, frame, names, number, tuple(notes))
 
@@ -331,16 +332,16 @@ def _road_names(frames: Sequence[Frame]) -> tuple[str, ...]:
 def _tried(space: FileSpace) -> tuple[Scenes, Counter[str]]:
     """The supported points that were tried, and the number of those that are not, by reason.
 
-    All points of a grid of up to `_LOOKED_AT` are tried, of a larger one those along each axis.
+    All points of a grid of up to `_MOST_TRIED` are tried, of a larger one those along each axis.
     Points that the file's constraints forbid are in neither result.
 
     Raises InputError with the first reason where no point is supported.
     """
-    if space.size > _MOST:
-        raise must_be("The points", space.name, f"at most {_MOST:,}", space.size)
+    if space.size > _MOST_POINTS:
+        raise must_be("The points", space.name, f"at most {_MOST_POINTS:,}", space.size)
     tried, refused = [], Counter[str]()
-    for point in space.points(_LOOKED_AT):
-        case = _looked_at(space, point)
+    for point in space.points(_MOST_TRIED):
+        case = _case_at(space, point)
         if not isinstance(case, str):
             tried.append((point, case))
         elif not case.startswith("= "):
@@ -361,7 +362,7 @@ def _without_roads(space: FileSpace, frame: Frame, scenes: Scenes) -> FileSpace:
     for axis in space.axes:
         roads = grouped((point[axis.name], case.frame.shape) for point, case in scenes)
         one_each = all(len(set(it)) == 1 for it in roads.values())
-        if axis.choices and (space.size <= _LOOKED_AT or one_each):
+        if axis.choices and (space.size <= _MOST_TRIED or one_each):
             # a value without a supported point stays, so that its reason is reported
             by_axis[axis.name] = tuple(
                 (value, assignments)
@@ -401,17 +402,17 @@ def _logical(space: FileSpace, frame: Frame, scenes: Scenes) -> LogicalScenario:
             f"{space.name}.xosc, <ParameterValueDistribution>: the ego must be the same vehicle at "
             "all points."
         )
-    whole = scenes[0][1].whole
+    exported = scenes[0][1].exported
     samples: tuple[NamedSample, ...] = ()
     constraints: tuple[Constraint, ...] = ()
     if space.axes:
         parameters = [_parameter(axis, space) for axis in space.axes]
-        points = space.grid() if space.size <= _LOOKED_AT else ()
+        points = space.grid() if space.size <= _MOST_TRIED else ()
         allowed = bytes(refusal(space, frame, point) is None for point in points)
         about = "one that the file's constraints allow and that is supported"
         constraints = (Constraint(about, Holds(space, frame, allowed)),)
     else:
-        parameters, sample = _the_case(whole)
+        parameters, sample = _the_case(exported)
         samples = (sample,)
     logical = LogicalScenario(
         name=space.name,
@@ -433,21 +434,21 @@ def _logical(space: FileSpace, frame: Frame, scenes: Scenes) -> LogicalScenario:
             for actor in case.actors
         ),
     )
-    if whole:  # an exported case keeps its own road, body and limits
+    if exported:  # an exported case keeps its own road, body and limits
         return replace(
-            logical, road=whole.road, ego_body=whole.ego_body, time_limit=whole.time_limit,
-            standstill_time=whole.standstill_time,
+            logical, road=exported.road, ego_body=exported.ego_body, time_limit=exported.time_limit,
+            standstill_time=exported.standstill_time,
         )  # fmt: skip
     return _with_exposure(logical, space.axes)
 
 
-def _the_case(whole: ConcreteScenario | None) -> tuple[list[Parameter], NamedSample]:
+def _the_case(exported: ConcreteScenario | None) -> tuple[list[Parameter], NamedSample]:
     """Parameters of a file without axes, and the sample with its one case.
 
-    ONLY, which is 0, is the first. The changes of an exported case `whole` are further ones. Each
+    ONLY, which is 0, is the first. The changes of an exported case are further ones. Each
     has one value, but a parameter needs a range: it ends 1 above this value.
     """
-    point = {ONLY: 0.0} | dict(whole.changes if whole else ())
+    point = {ONLY: 0.0} | dict(exported.changes if exported else ())
     parameters = [
         Parameter(name, value, value + 1.0, 1.0, "1",
             "as exported" if name != ONLY else "nothing: the file has one case",
@@ -481,7 +482,7 @@ def _parameter(axis: Axis, space: FileSpace) -> Parameter:
     if any(dict(row)[axis.name] != value for value, row in axis.choices):
         meanings = (
             f"{value:g}: " + ", ".join(f"{it}" for _, it in row)
-            for value, row in axis.choices[:_LISTED]
+            for value, row in axis.choices[:_MOST_LISTED]
         )
         about += f" ({'; '.join(meanings)})"
     # a name may end with its unit: OpenSCENARIO has none

@@ -61,7 +61,7 @@ class FileCase(NamedTuple):
     ignored: kinds of elements without a meaning here.
     elements: <ScenarioObject> of the ego, as `ego`, and of each actor by its name; empty for a file
         that `sumo-eval export` wrote.
-    whole: the case that `sumo-eval export` wrote into the file; None in other files.
+    exported: the case that `sumo-eval export` wrote into the file; None in other files.
     """
 
     frame: Frame
@@ -71,7 +71,7 @@ class FileCase(NamedTuple):
     ends: float
     ignored: tuple[str, ...]
     elements: Mapping[str, Node]
-    whole: ConcreteScenario | None = None
+    exported: ConcreteScenario | None = None
 
 
 def read_case(path: Path, given: Mapping[str, Value], options: FileOptions) -> FileCase:
@@ -93,7 +93,7 @@ def _exported(root: Node, options: FileOptions) -> FileCase:
     """The case that `sumo-eval export` wrote into the file, with the road of that run."""
     road_file = _map_of(root, options.map)
     try:
-        whole = exported_case(root.element, road_file.read_bytes())
+        exported = exported_case(root.element, road_file.read_bytes())
     except InputError as error:
         raise root.child("FileHeader").fault(str(error)) from None
     if options.ego not in (None, EXPORTED_EGO):
@@ -101,10 +101,10 @@ def _exported(root: Node, options: FileOptions) -> FileCase:
             f"`?ego=` of an exported case must be `{EXPORTED_EGO}`, got `{options.ego}`; without "
             "the <Properties> of its <FileHeader> it is read as any other file"
         )
-    road, body = whole.road, whole.ego_body or STANDARD_EGO
+    road, body = exported.road, exported.ego_body or STANDARD_EGO
     frame = Frame(ORIGIN, road.line, road.lanes, road.lane_width, road.end, road.name, 0.0, "")
-    ends = LONGEST if whole.time_limit is None else whole.time_limit
-    return FileCase(frame, whole.ego, body, whole.actors, ends, (), {}, whole)
+    ends = LONGEST if exported.time_limit is None else exported.time_limit
+    return FileCase(frame, exported.ego, body, exported.actors, ends, (), {}, exported)
 
 
 def _scene(root: Node, given: Mapping[str, Value], options: FileOptions) -> FileCase:

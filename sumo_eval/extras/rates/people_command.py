@@ -75,11 +75,11 @@ def exposure(scenario: str, tables: tuple[Path, ...], bandwidth: str) -> None:
     from sumo_eval.settings import DriverSettings, ExposureSettings
 
     logical = catalogue.find(scenario, Path.cwd())
-    names = tuple(map(str, tables))
-    settings = ExposureSettings("recorded", names, bandwidth)  # type: ignore[arg-type]
-    # the notes alone; `exposure_of` opens the recordings again, by `settings`
-    say(notes_of(open_people(DriverSettings(recordings=names), Path.cwd()), {}))
-    tell(f"{scenario}: {exposure_of(logical, settings, DriverSettings(), Path.cwd()).about}.")
+    drivers = DriverSettings(recordings=tuple(map(str, tables)))
+    settings = ExposureSettings("recorded", bandwidth=bandwidth)  # type: ignore[arg-type]
+    # notes first, because the exposure may be refused; it gets the recordings read here
+    say(notes_of(open_people(drivers, Path.cwd()), {}))
+    tell(f"{scenario}: {exposure_of(logical, settings, drivers, Path.cwd()).about}.")
 
 
 @humans.command(
