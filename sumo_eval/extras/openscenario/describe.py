@@ -49,7 +49,7 @@ def described(read: Read) -> Iterator[str]:
     if len(read.roads) > 1:
         yield (
             f"  this is road {read.road + 1} of {len(read.roads)} ({', '.join(read.roads)}); "
-            "`?road=2` names another"
+            "`?road=NUMBER` behind the file's name chooses one"
         )
     points = list(concrete_points(read, _MOST))
     playing, words, reasons = _counted(read, points)
