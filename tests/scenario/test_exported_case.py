@@ -9,11 +9,13 @@ from refusals import refusal
 
 from sumo_eval.cosim import simulate
 from sumo_eval.cosim.openscenario import CASE, opendrive_xml, openscenario_xml
+from sumo_eval.extras.openscenario.describe import described
 from sumo_eval.extras.openscenario.logical import concrete, read_file
 from sumo_eval.extras.openscenario.written import scenario_content
 from sumo_eval.extras.wheel.tape import digest
 from sumo_eval.scenario.catalogue import SCENARIOS, load
 from sumo_eval.scenario.concrete import Actor, Model, Start, brake_to_stop
+from sumo_eval.scenario.played import AT_MOST, FOLLOW, TIME, VALUE, Act
 from sumo_eval.settings import SimulationSettings
 
 
@@ -73,6 +75,15 @@ def test_an_actor_at_the_roads_end_has_no_trajectory():
         lead = replace(case.actors[0], start=start)
         text = openscenario_xml(replace(case, actors=(lead,)), SimulationSettings(), "", "")
         assert "<Polyline" not in text
+
+
+def test_exported_actor_that_reacts_is_described(tmp_path):
+    case = middle("front_vehicle_braking")
+    (lead,) = case.actors
+    after_2_s = ((VALUE, 0, 0, 2.0), (TIME, 0, 0, 0.0), (AT_MOST, 0, 0, 0.0))
+    reacts = replace(lead, acts=(Act(FOLLOW, program=after_2_s),), model=Model("IDM", 20.0))
+    lines = described(read_file(exported(tmp_path, replace(case, actors=(reacts,)))))
+    assert [*lines][-1] == "      is driven by SUMO's model 0.000 s after its condition holds"
 
 
 def test_a_written_curve_has_its_name_once(tmp_path):

@@ -26,6 +26,7 @@ _VERBS = {
     played.SPEED: "changes its speed", played.KEEP: "keeps its speed",
     played.BY_TIME: "drives a speed by time", played.BY_PLACE: "drives a speed by place",
     played.PATH: "drives a path", played.MATCH: "keeps a speed relative to another vehicle's",
+    played.FOLLOW: "is driven by SUMO's model",
 }  # fmt: skip
 """Kind of an act -> words for it."""
 Points = Sequence[tuple[dict[str, float], str | None]]
