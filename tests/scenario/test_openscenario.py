@@ -1691,7 +1691,8 @@ def test_one_point_is_written_and_a_whole_space_is_not(tmp_path):
     assert (again.ego.speed, again.actors[0].start.speed) == pytest.approx((15.0, 10.0))
     assert unnamed(again) == unnamed(read.logical.concrete(kph=54.0))
     result = cli_refuses(
-        "writes one point, without `--set` for kph", f"import {path} --out {tmp_path}/space.toml"
+        "must have `--set` for kph: it writes one point",
+        f"import {path} --out {tmp_path}/space.toml",
     )
     assert (
         'The whole space plays from the OpenSCENARIO file itself: `use = "FILE.xosc"`'

@@ -1,6 +1,6 @@
 """Sentences on an OpenSCENARIO file as it was read, for the command `import`.
 
-Users: `extras/openscenario/command.py`.
+Users: `extras/openscenario/command.py`, `extras/openscenario/written.py`.
 """
 
 import math
@@ -18,9 +18,9 @@ from sumo_eval.scenario import played
 from sumo_eval.scenario.concrete import Actor, Numbers
 from sumo_eval.scenario.file import leaving
 
-_SHOWN = 5  # reasons that are listed, at most
+_SHOWN = 5  # reasons that are listed, at most: the most frequent
 _MOST = 5_000  # points; in a space with more, only those along each axis are tried
-_VERBS = {
+VERBS = {
     played.SMOOTH: "moves across smoothly", played.CONSTANT: "moves across evenly",
     played.SINUS: "swings", played.COSINE: "moves across along half a cosine",
     played.SPEED: "changes its speed", played.KEEP: "keeps its speed",
@@ -55,7 +55,7 @@ def described(read: Read) -> Iterator[str]:
     points = list(concrete_points(read, _MOST))
     playing, words, reasons = _counted(read, points)
     yield f"  {words}"
-    for why, count in list(reasons.items())[:_SHOWN]:
+    for why, count in reasons.most_common(_SHOWN):
         yield f"  {count} do not: {why}"
     if len(reasons) > _SHOWN:
         yield f"  and {len(reasons) - _SHOWN} more reasons"
@@ -75,7 +75,7 @@ def _scene(read: Read, point: Numbers) -> Iterator[str]:
         f"{case.ego.speed:.3f} m/s"
     )
     for actor in case.actors:
-        yield from _of(actor)
+        yield from _actor_lines(actor)
     values = [case.values[name] for name in read.logical.names]
     yield from (f"    {it}" for it in leaving(read.logical, np.array([values])))
 
@@ -84,7 +84,8 @@ def listed(name: str, paths: Sequence[Path]) -> Iterator[str]:
     """A line for each road of each file of a catalogue: how many of its points play, and why others
     do not; for a file that cannot be read, why. Then the sums.
 
-    name: of the catalogue. paths: its files.
+    name: of the catalogue.
+    paths: of its files.
 
     Raises InputError after the last line where no point of any file plays.
     """
@@ -101,14 +102,14 @@ def listed(name: str, paths: Sequence[Path]) -> Iterator[str]:
             count, words, reasons = _counted(read, points)
             tried += len(points)
             playing += count
-            why = "; ".join(f"{it} {why}" for why, it in [*reasons.items()][:_SHOWN])
+            why = "; ".join(f"{number} {why}" for why, number in reasons.most_common(_SHOWN))
             yield f"{read.logical.name}: {words}{why and '; not: '}{why}"
     yield f"{name}: {files} of {len(paths)} files play, {playing} of {tried} points tried"
     if not playing:
         raise InputError(f"A file of catalogue `{name}` must play, got none: see the lines above.")
 
 
-def _counted(read: Read, points: Points) -> tuple[int, str, dict[str, int]]:
+def _counted(read: Read, points: Points) -> tuple[int, str, Counter[str]]:
     """Number of the points that play, words for it, and reason -> number of those that do not."""
     # `= ` is before a reason that the file intends, see `logical.refusal`
     reasons = Counter(why.removeprefix("= ") for _, why in points if why is not None)
@@ -116,10 +117,10 @@ def _counted(read: Read, points: Points) -> tuple[int, str, dict[str, int]]:
     words = f"{playing} of {len(points)} points play"
     if len(points) < read.space.size:
         words += f" that were tried along each axis, of {read.space.size}"
-    return playing, words, dict(reasons)
+    return playing, words, reasons
 
 
-def _of(actor: Actor) -> Iterator[str]:
+def _actor_lines(actor: Actor) -> Iterator[str]:
     """Sentences on an actor: its start, then each move."""
     start = actor.start
     heading = f", heading {math.degrees(actor.heading):.1f} deg" if actor.heading else ""
@@ -145,4 +146,4 @@ def _of(actor: Actor) -> Iterator[str]:
             how = f" to {act.speed:.3f} m/s at {rate}"
         elif act.kind == played.BY_TIME:
             how = ": " + ", ".join(f"{speed:.3f} m/s at {time:.3f} s" for time, speed in act.table)
-        yield f"      {_VERBS[act.kind]} {when}{how}"
+        yield f"      {VERBS[act.kind]} {when}{how}"

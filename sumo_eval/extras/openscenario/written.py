@@ -13,6 +13,7 @@ from typing import Any
 import tomli_w
 
 from sumo_eval.errors import InputError, must_be
+from sumo_eval.extras.openscenario.describe import VERBS
 from sumo_eval.extras.openscenario.logical import Read, concrete
 from sumo_eval.extras.openscenario.scene import distinct
 from sumo_eval.report.page import write_page
@@ -27,15 +28,16 @@ from sumo_eval.text import point_words
 
 Table = dict[str, Any]
 """A table of a scenario file."""
-# Operation of a program -> its word in scenario files: of a participant, of two participants,
-_OF_ONE = {op: name for name, op in OF_ONE.items()}
-_OF_TWO = {op: name for name, op in OF_TWO.items()}
-# between two values, of one value, and of two values in brackets.
+# Operation of a program -> its word in scenario files
+_OF_ONE = {op: name for name, op in OF_ONE.items()}  # of a vehicle
+_OF_TWO = {op: name for name, op in OF_TWO.items()}  # of two vehicles
+# between two numbers or truths
 _JOINED = {
     played.ADD: "+", played.SUBTRACT: "-", played.MULTIPLY: "*", played.DIVIDE: "/",
     played.BELOW: "<", played.AT_MOST: "<=", played.AND: "and", played.OR: "or",
 }  # fmt: skip
 _OF_A_NUMBER = {played.NEGATE: "-", played.ABSOLUTE: "abs"}
+# before two numbers in brackets
 _OF_NUMBERS = {played.SMALLER: "min", played.LARGER: "max"}
 
 
@@ -48,9 +50,8 @@ def scenario_content(read: Read, point: Numbers) -> Table:
     missing = [axis.name for axis in read.space.axes if axis.name not in point]
     if missing:
         raise InputError(
-            f"`import --out` writes one point, without `--set` for {', '.join(missing)}. The "
-            "whole space plays from "
-            'the OpenSCENARIO file itself: `use = "FILE.xosc"`.'
+            f"`import --out` must have `--set` for {', '.join(missing)}: it writes one point. The "
+            'whole space plays from the OpenSCENARIO file itself: `use = "FILE.xosc"`.'
         )
     case = concrete(read, point)
     for what, occurs in _inexpressible(case).items():
@@ -183,7 +184,8 @@ def _act(act: played.Act, name: str, names: Sequence[str]) -> Table:
             times, speeds = zip(*act.table, strict=True)
             return {"do": "speed_profile", **table, "times": list(times), "speeds": list(speeds)}
     raise InputError(
-        f"A scenario file has no words for move {name}: kind {act.kind} of what was read."
+        f"`import --out` cannot write {name}, by which an actor {VERBS[act.kind]}: the case "
+        "plays from the OpenSCENARIO file itself."
     )
 
 
@@ -194,7 +196,7 @@ def condition_text(program: played.Program, names: Sequence[str]) -> str:
     names: of the actors.
     """
 
-    def participant(number: int) -> str:
+    def vehicle(number: int) -> str:
         return "ego" if number == played.EGO else names[number]
 
     stack = []  # texts of the values on the program's stack
@@ -204,11 +206,11 @@ def condition_text(program: played.Program, names: Sequence[str]) -> str:
         elif op == played.TIME:
             stack.append("time")
         elif op in _OF_ONE:
-            stack.append(f"{_OF_ONE[op]}({participant(first)})")
+            stack.append(f"{_OF_ONE[op]}({vehicle(first)})")
         elif op in _OF_TWO:
-            stack.append(f"{_OF_TWO[op]}({participant(first)}, {participant(second)})")
+            stack.append(f"{_OF_TWO[op]}({vehicle(first)}, {vehicle(second)})")
         elif op == played.ENDED:
-            stack.append(f"ended({participant(first)}, act{second})")
+            stack.append(f"ended({vehicle(first)}, act{second})")
         elif op in _OF_A_NUMBER:
             stack.append(f"{_OF_A_NUMBER[op]}({stack.pop()})")
         else:
