@@ -189,14 +189,15 @@ def test_its_identity_holds_the_model_and_its_table(tmp_path):
     assert locator_identity(("ADS", "onnx:policy.onnx"), tmp_path) not in (before, after)
 
 
-def test_its_identity_holds_external_weights_of_any_name(tmp_path):
+@pytest.mark.parametrize("name", ["w.bin", f"{'w' * 200}.bin"])
+def test_its_identity_holds_external_weights_of_any_name(tmp_path, name):
     path, seen = linear(tmp_path), []
-    onnx.save(onnx.load(path), path, save_as_external_data=True, location="w.bin", size_threshold=0)
+    onnx.save(onnx.load(path), path, save_as_external_data=True, location=name, size_threshold=0)
     for _ in range(2):
         seen.append(locator_identity(("ADS", "onnx:policy.onnx"), tmp_path))
-        (tmp_path / "w.bin").write_bytes((tmp_path / "w.bin").read_bytes()[::-1])
+        (tmp_path / name).write_bytes((tmp_path / name).read_bytes()[::-1])
     assert seen[0] != seen[1]
-    assert "w.bin" in str(seen[0])
+    assert name in str(seen[0])
 
 
 def test_the_example_at_the_top_of_the_tables_file_is_a_table(tmp_path):

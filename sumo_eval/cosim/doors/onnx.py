@@ -187,10 +187,13 @@ def _words(error: Exception) -> str:
 
 def _external_data(model: Path) -> set[Path]:
     """Files with weights of a model, as its protobuf message names them: the key `location`, the
-    length of the name in one byte, the name.
+    length of the name, the name.
     """
     message = read_input(model, "model", 2**31)  # the most that protobuf allows
-    # \n\x08: field 1, of 8 bytes. \x12: field 2. The name is in a lookahead, as the next key may
-    # begin within the 127 bytes that the expression takes for any name.
-    names = re.findall(rb"(?s)\n\x08location\x12(.)(?=(.{0,127}))", message)
-    return {model.parent / os.fsdecode(name[: ord(length)]) for length, name in names}
+    files = set()
+    # \n\x08: field 1, of 8 bytes. \x12: field 2. Each byte of a length has 7 of its bits, the lowest
+    # first; all bytes but the last have the highest bit set.
+    for key in re.finditer(rb"\n\x08location\x12([\x80-\xff]*[\x00-\x7f])", message):
+        length = sum((byte & 0x7F) << 7 * place for place, byte in enumerate(key[1]))
+        files.add(model.parent / os.fsdecode(message[key.end() : key.end() + length]))
+    return files
