@@ -11,7 +11,7 @@ Users: `cosim/loop.py`, `cosim/no_return.py`, `cosim/on_traci.py`, `cosim/polici
 import time as clock
 from collections.abc import Callable, Sequence
 from functools import partial
-from math import hypot, inf
+from math import hypot, inf, isfinite
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -168,15 +168,21 @@ def settled_of(ads: Any, settings: SimulationSettings) -> Any:
 
 def advance_plant(plant: FmuPlant, world: World, command: Command) -> None:
     """Ask the user's vehicle model for the single ego's state at the end of the coming step."""
+    if not (isfinite(command.acceleration) and isfinite(command.steering)):
+        world.egos["placed"][0] = MODEL  # so that `step_rules.move_rows` refuses the ADS's command
+        return
     ego = world.egos[0]
     before = EgoState(*ego["map"].tolist(), *ego[["speed", "acceleration", "steering"]].tolist())
-    state = plant.advance(before, command, world.settings.step)
+    step = world.settings.step
+    state = plant.advance(before, command, step)
     moved = hypot(state.x - before.x, state.y - before.y)
-    if not (moved < FASTEST * world.settings.step and LOWEST_SPEED < state.speed < FASTEST):
-        raise SimulationError(
-            f"The vehicle model moved `{EGO}` {moved:g} m in the step after {world.time:.2f} s, "
-            f"to the speed {state.speed:g} m/s; no vehicle drives at other speeds than "
-            f"{LOWEST_SPEED:g}..{FASTEST:g} m/s."
+    if not (moved < FASTEST * step and LOWEST_SPEED < state.speed < FASTEST):
+        # a model without limits does what the ADS requests, however impossible
+        is_possible = abs(command.acceleration) * step < FASTEST
+        raise (SimulationError if is_possible else ControllerError)(
+            f"At the command {command.acceleration:g} m/s2 the vehicle model moved `{EGO}` "
+            f"{moved:g} m in the step after {world.time:.2f} s, to the speed {state.speed:g} m/s; "
+            f"no vehicle drives at other speeds than {LOWEST_SPEED:g}..{FASTEST:g} m/s."
         )
     world.egos["next"][0] = tuple(state)
     world.egos["placed"][0] = PLANT

@@ -28,6 +28,7 @@ from sumo_eval.settings import SimulationSettings
 
 _Numbers = Sequence[float]  # of an ego (x, y, heading, speed, ...), or one field of a plan
 _SAME_PLACE = 1e-6  # m, points closer than this are the same place
+_LARGEST = 1e9  # of a plan's numbers, in their units: products of much larger ones are not finite
 
 
 @frozen(eq=False)
@@ -190,17 +191,18 @@ class Executor:
         limits = self._vehicle
         plan = track.at(time)
         direction, plan_speed = plan[2:]
-        if time > track.end + SAME_TIME:
-            self._note("plan_ended", track.end, time)
-        if plan_speed < 0.0:  # as in `_towards`
-            self._note("negative_speed", plan_speed, 0.0)
         dx, dy = plan[0] - x, plan[1] - y
-        self._note("plan_error", 0.0, sqrt(dx * dx + dy * dy))
         behind = dx * cos(direction) + dy * sin(direction)
         planned = (track.at(time + self._step)[3] - plan_speed) / self._step  # dv_plan/dt, m/s2
         acceleration = (
             planned + gains.speed_gain * (plan_speed - speed) + gains.position_gain * behind
         )
+        _finite("acceleration", acceleration, "Plan")  # of times that hardly differ it is not
+        if time > track.end + SAME_TIME:
+            self._note("plan_ended", track.end, time)
+        if plan_speed < 0.0:  # as in `_towards`
+            self._note("negative_speed", plan_speed, 0.0)
+        self._note("plan_error", 0.0, sqrt(dx * dx + dy * dy))
         half = 0.5 * limits.wheelbase
         front = x + half * cos(heading)  # x of the front axle, m
         path = track.beside(front, y + half * sin(heading))
@@ -356,13 +358,19 @@ def _speeds(time: _Numbers, x: _Numbers, y: _Numbers, ego_speed: float) -> list[
 
 
 def _numbers(name: str, values: Any) -> list[float]:
-    """A field of a plan as a list of finite numbers."""
+    """A field of a plan as a list of numbers, each up to `_LARGEST`."""
     plain = values.tolist() if hasattr(values, "tolist") else values
     if not isinstance(plain, Sequence) or isinstance(plain, str) or not plain:
         raise ControllerError(
             f"`{name}` of the ADS's Plan must be a sequence of numbers, got {shown(plain)}"
         )
-    return [_finite(name, value, "Plan") for value in plain]
+    numbers = [_finite(name, value, "Plan") for value in plain]
+    largest = max(numbers, key=abs)
+    if abs(largest) > _LARGEST:
+        raise ControllerError(
+            f"`{name}` of the ADS's Plan must be within -{_LARGEST:g}..{_LARGEST:g}, got {largest}"
+        )
+    return numbers
 
 
 def _finite(name: str, value: Any, owner: str) -> float:

@@ -147,6 +147,27 @@ def test_a_vehicle_model_that_drives_backwards_is_a_sim_error(fmus, monkeypatch)
     assert_ended(found, "sim_error", words)
 
 
+class NotANumber:
+    """A policy over arrays that answers nan."""
+
+    batch = True
+
+    def act(self, seen):
+        return [math.nan] * len(seen.number)
+
+
+@pytest.mark.parametrize(
+    "ads, words",
+    [
+        (lambda seen: 1e30, "At the command 1e+30 m/s2 the vehicle model moved `ego`"),
+        (NotANumber(), "`acceleration` of the ADS's Command must be a finite number, got nan at 0"),
+    ],
+)
+def test_what_no_vehicle_model_can_do_is_the_adss_error(fmus, ads, words):
+    settings = replace(HALF_SECOND, plant=PlantSettings(file="Car.fmu", parameters={"v0": "speed"}))
+    assert_ended(simulate(case(), ads, settings, folder=fmus), "ads_error", words)
+
+
 def test_a_vehicle_model_starts_in_the_direction_of_the_case(fmus):
     settings = PlantSettings(file="Car.fmu", parameters={"v0": "speed"})
     plant = FmuPlant(settings, fmus)

@@ -147,6 +147,15 @@ def test_alone_and_beside_others_a_plan_is_driven_to_the_same_bits():
             "`x` of the ADS's Plan must be a finite number",
         ),
         (
+            Plan([0.0, 1.0, 2.0], [1e308, -1e308, 0.0], [0.0, 0.0, 0.0]),
+            "`x` of the ADS's Plan must be within -1e+09..1e+09, got 1e+308",
+        ),
+        pytest.param(
+            Plan([0.0, 5e-324], [0.0, 1.0], [0.0, 0.0]),
+            "`acceleration` of the ADS's Plan must be a finite number, got nan",
+            marks=pytest.mark.filterwarnings("ignore:overflow"),
+        ),
+        (
             Plan([1.0, 1.0], [0.0, 1.0], [0.0, 0.0]),
             "`time` of the ADS's Plan must increase, got 1 s behind 1 s",
         ),
