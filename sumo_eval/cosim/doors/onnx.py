@@ -191,8 +191,8 @@ def _external_data(model: Path) -> set[Path]:
     """
     message = read_input(model, "model", 2**31)  # the most that protobuf allows
     files = set()
-    # \n\x08: field 1, of 8 bytes. \x12: field 2. Each byte of a length has 7 of its bits, the lowest
-    # first; all bytes but the last have the highest bit set.
+    # \n\x08: field 1, of 8 bytes. \x12: field 2, then its length in groups of 7 bits, the lowest
+    # first. The highest bit of a byte is set unless it holds the last group.
     for key in re.finditer(rb"\n\x08location\x12([\x80-\xff]*[\x00-\x7f])", message):
         length = sum((byte & 0x7F) << 7 * place for place, byte in enumerate(key[1]))
         files.add(model.parent / os.fsdecode(message[key.end() : key.end() + length]))
