@@ -21,7 +21,7 @@ from sumo_eval.input_file import read_input_text
 from sumo_eval.settings import Checked, EvaluationSettings, ScenarioSettings
 from sumo_eval.settings.checked import Mistake, read_table
 from sumo_eval.settings.toml_file import line_of, read_toml, toml_from
-from sumo_eval.text import shown
+from sumo_eval.text import clean, shown
 
 PAPER_EVALUATION = Path(__file__).with_name("paper_evaluation.toml")
 
@@ -173,6 +173,8 @@ def check_evaluation(settings: EvaluationSettings, where: object, *, own_ads: bo
 
 def with_changes(settings: EvaluationSettings, changes: Sequence[str]) -> EvaluationSettings:
     """Settings with `key.path=value` changes applied, e.g. `method.score.a=60`."""
+    if double := doubled(change.partition("=")[0].strip() for change in changes):
+        raise InputError(f"--set must give a key one value, got `{clean(double[0])}` twice.")
     content = asdict(settings)
     for change in changes:
         path, equals, text = change.partition("=")

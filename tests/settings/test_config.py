@@ -147,6 +147,13 @@ def test_a_change_has_one_value():
         with_changes(read_evaluation(PAPER_EVALUATION), ["method.score.a=60\nb = 5"])
 
 
+def test_a_key_is_changed_once():
+    with refused("--set must give a key one value, got `method.score.a` twice"):
+        with_changes(
+            read_evaluation(PAPER_EVALUATION), ["method.score.a=60", "method.score.a = 50"]
+        )
+
+
 def test_a_mistake_is_reported_with_its_line(tmp_path):
     text = (
         'name = "n"\nsead = 1\n[[scenario]]\nuse = "cut_in"\n[scenario.sampling]\nlevels = '
