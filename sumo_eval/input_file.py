@@ -80,6 +80,19 @@ def read_input_text(path: Path, what: str, largest: int = LARGEST) -> str:
         raise _unreadable(path, what, error) from error
 
 
+def working_folder() -> Path:
+    """The working folder, in which child processes start and relative paths begin.
+
+    Raises InputError if it was deleted.
+    """
+    try:
+        return Path.cwd()
+    except FileNotFoundError:
+        raise InputError(
+            "The working folder must exist, but it was deleted: change to another folder."
+        ) from None
+
+
 @contextmanager
 def writing(what: str, folder: Path | None = None) -> Iterator[None]:
     """A block that writes files. Where the system refuses that, it raises InputError.

@@ -208,6 +208,16 @@ def test_the_run_folder_holds_what_the_contract_names(done):
     assert len(list((done.folder / "routes").glob("*.rou.xml"))) == 2
 
 
+@pytest.mark.parametrize("ads", [(), ("idm",)])
+def test_a_deleted_working_folder_is_refused(ads, tmp_path, monkeypatch):
+    gone = tmp_path / "gone"
+    gone.mkdir()
+    monkeypatch.chdir(gone)
+    gone.rmdir()
+    with refusal("The working folder must exist, but it was deleted"):
+        sumo_eval.evaluate(small(["idm"], SCENARIOS), tmp_path / "run", ads=ads)
+
+
 def test_a_run_folder_is_never_written_over(done):
     with refusal("already exists and is not empty"):
         sumo_eval.evaluate(small(("idm",), SCENARIOS), done.folder)

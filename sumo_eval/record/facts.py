@@ -24,6 +24,7 @@ from sumo_eval.cosim.doors.entry import made_absolute
 from sumo_eval.drivers.recorded.exposure import exposure_of
 from sumo_eval.errors import InputError, StoppedError, must_be
 from sumo_eval.frozen import frozen
+from sumo_eval.input_file import working_folder
 from sumo_eval.method.point_criticality import exactly_hazardous
 from sumo_eval.method.severity import severity_of
 from sumo_eval.method.zone_training import own_axes
@@ -111,15 +112,16 @@ def settings_of(
         locators start in the current folder.
     changes: values of `[run]` by name, instead of the evaluation's; None changes nothing.
     """
+    current_folder = working_folder()
     settings, source = _read(evaluation, folder, resume, not ads)
     for locator in ads:
         # A program that does not exist is refused here. Below it is too late: `made_absolute` puts
         # `env -C` in front of the command, and `env` always exists.
         if isinstance(locator, str) and locator.startswith(("exec:", "traci:")):
-            find_controller(locator, Path.cwd())
+            find_controller(locator, current_folder)
     if ads:
         entries = (
-            AdsSettings(it, made_absolute(it, Path.cwd()))
+            AdsSettings(it, made_absolute(it, current_folder))
             if isinstance(it, str)
             else entry_of(it, folder, resume=resume)
             for it in ads

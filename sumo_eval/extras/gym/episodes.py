@@ -19,6 +19,7 @@ from sumo_eval.cosim.doors.features import Interface, read_interface, usual
 from sumo_eval.cosim.doors.observation import Observations
 from sumo_eval.cosim.episode_rows import EpisodeRows
 from sumo_eval.errors import InputError, must_be, said
+from sumo_eval.input_file import working_folder
 from sumo_eval.scenario.logical import LogicalScenario
 from sumo_eval.scenario.resolved import find_with
 from sumo_eval.scenario.touch import Body, velocity
@@ -128,7 +129,7 @@ class Episodes:
             if not isinstance(value := getattr(self, name), kind):
                 raise must_be(f"`{name}`", "an environment", f"of {kind.__name__}", value)
         if not isinstance(use, LogicalScenario):
-            use = find_with(self.settings.vehicle, str(use), Path.cwd())
+            use = find_with(self.settings.vehicle, str(use), working_folder())
         self.logical = use
         self.reward = reward or usual_reward
         self.sampler = sampler
