@@ -276,11 +276,13 @@ def _filled_folder(
     plan: Planner | None = None,
     *,
     another_round: bool = False,
+    driven: run_folder.Manifest | None = None,
 ) -> Iterator[Store]:
     """Context with the store of a run folder, whose other files are written and whose shard is
     noted.
 
     plan: of a run that may continue; None: a new one.
+    another_round, driven: as in `run_folder.create`.
 
     Raises InputError if the run in the folder cannot continue as this one, before a file changes.
     """
@@ -295,8 +297,9 @@ def _filled_folder(
             if plan is not None:
                 find_stale(store, run.source)  # `store.holds` is False for cases of stale ADSs
                 refuse_to_compare_with_discarded(store, spaces, plan, folder)
+    examples = map(_middle, spaces)
     run_folder.create(
-        folder, run.settings, run.source, map(_middle, spaces), another_round=another_round
+        folder, run.settings, run.source, examples, another_round=another_round, driven=driven
     )
     run_folder.write_exposures(folder, {space.logical.name: space.exposure for space in spaces})
     with open_store(folder, create=True) as store:
@@ -386,7 +389,11 @@ def merge(shards: Sequence[Path], out: Path) -> Recorded:
             f"To merge, every shard of {count} must be there; missing: {', '.join(missing)}."
         )
     run = Resolved.of(settings, Path(manifest["source_folder"]))
-    with run_folder.only_writer(out, resume=False), _filled_folder(out, run, _spaces(run)) as store:
+    driven = run_folder.manifest_of_shards([*map(run_folder.read_manifest, folders.values())])
+    with (
+        run_folder.only_writer(out, resume=False),
+        _filled_folder(out, run, _spaces(run), driven=driven) as store,
+    ):
         # the merged run is trusted only if every shard is
         if run_folder.trust_own_runs(*shards):
             remember(out, settings, run.source)

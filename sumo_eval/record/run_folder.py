@@ -10,13 +10,15 @@ import re
 import shlex
 import subprocess
 import sys
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from importlib.metadata import version
+from operator import itemgetter
 from pathlib import Path
 from typing import Any
 
 from sumo_eval.errors import InputError
+from sumo_eval.groups import grouped
 from sumo_eval.input_file import sha256, write_whole, writing
 from sumo_eval.record.facts_file import FORMAT_VERSION
 from sumo_eval.record.lock import LOCK, held_folder
@@ -37,6 +39,7 @@ SHARD = "shard"  # name of the note in `FACTS` with the number and count of shar
 GIVEN = "ads"  # folder of pickled ADSs, which have no file of their own (`record.given`)
 _PACKAGES = ("sumo_eval", "libsumo", "numpy", "scipy", "scikit-learn")  # versions in the manifest
 _GIT_PATIENCE = 10.0  # s, for Git in a large folder
+Manifest = Mapping[str, Any]
 _HALF_MADE = {EVALUATION, MANIFEST, FACTS, EXPOSURES, "networks", "routes"}
 """Names that the folder may hold if a run was ended while `create` wrote its files."""
 
@@ -94,6 +97,7 @@ def create(
     examples: Iterable[ConcreteScenario],
     *,
     another_round: bool,
+    driven: Manifest | None = None,
 ) -> None:
     """Write the files of a run folder except its facts.
 
@@ -101,11 +105,12 @@ def create(
     examples: one concrete scenario of each logical one.
     another_round: whether the process that began or resumed the run continues it; else an existing
         run is resumed now, and the manifest notes that.
+    driven: of a merged run, what the manifest says about its drives; these were made elsewhere.
     """
     # imported here: what only reads a run needs nothing of `cosim`
     from sumo_eval.record.identity import hashes_of_inputs
 
-    before = read_manifest(folder) if is_run(folder) else {}
+    before = driven or (read_manifest(folder) if is_run(folder) else {})
     named = settings.run.qualification
     # a run that continues keeps its record: the qualification's file need not exist any more
     earlier = before.get("qualification")
@@ -131,9 +136,11 @@ def create(
         if before:  # keep how the run began, and list each time that it was resumed
             now = {name: manifest[name] for name in ("created", "versions", "machine")}
             manifest |= {name: before[name] for name in now}
-            resumed = before.get("resumed", []) + ([] if another_round else [now])
+            resumed = before.get("resumed", []) + ([] if driven or another_round else [now])
             if resumed:
                 manifest["resumed"] = resumed
+        if driven:  # what is there now may have changed since
+            manifest |= {name: driven[name] for name in ("files", "builds")}
         write_whole(folder / MANIFEST, sealed(manifest))
 
 
@@ -210,7 +217,7 @@ def trust_own_runs(*runs: Path) -> bool:
     return len(own) == len(runs)
 
 
-def read_manifest(folder: Path) -> Mapping[str, Any]:
+def read_manifest(folder: Path) -> Manifest:
     """The manifest of a run.
 
     Raises InputError for one of another format, and for one that was changed after it was written.
@@ -218,7 +225,7 @@ def read_manifest(folder: Path) -> Mapping[str, Any]:
     return read_sealed(folder / MANIFEST, FORMAT_VERSION)
 
 
-def versions_of(manifest: Mapping[str, Any]) -> Mapping[str, str]:
+def versions_of(manifest: Manifest) -> Mapping[str, str]:
     """Versions of the packages that made a run's facts, those of its last start: a run that is
     resumed with another simulator, or another version of this package, repeats its earlier drives.
     """
@@ -268,6 +275,18 @@ def builds_of(settings: EvaluationSettings, source: Path) -> Mapping[str, str]:
     own = [ads for ads in settings.ads if ads.build or ":" in ads.controller]
     commit = commit_of(source) if any(not ads.build for ads in own) else ""
     return {ads.name: ads.build or commit for ads in own if ads.build or commit}
+
+
+def manifest_of_shards(manifests: Sequence[Manifest]) -> Manifest:
+    """What the manifest of a merged run says about the drives of its shards: that of the first
+    shard that was begun, and of each ADS the builds of all shards.
+    """
+    # a manifest of an earlier version has no builds
+    builds = grouped(pair for manifest in manifests for pair in manifest.get("builds", {}).items())
+    return {
+        **min(manifests, key=itemgetter("created")),
+        "builds": {ads: ", ".join(dict.fromkeys(of_ads)) for ads, of_ads in builds.items()},
+    }
 
 
 def commit_of(folder: Path) -> str:

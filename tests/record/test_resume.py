@@ -1,6 +1,7 @@
 """Nothing recorded is lost or simulated twice: kill -9, Ctrl-C, a full disk, a changed ADS, a
 second writer, shards."""
 
+import json
 import os
 import re
 import resource
@@ -28,7 +29,7 @@ from sumo_eval.record.run_folder import SHARD, only_writer, refuse_incomplete
 from sumo_eval.record.store import open_store
 from sumo_eval.scenario.resolved import Resolved
 from sumo_eval.scenario.shipped_files import scenario_files
-from sumo_eval.settings import DriverSettings
+from sumo_eval.settings import DriverSettings, RunSettings
 from sumo_eval.settings.config import read_evaluation
 
 CLUSTERS = ROOT / "docs" / "clusters.md"
@@ -367,6 +368,29 @@ def test_files_that_changed_between_shards_are_named(tmp_path):
     assert run_folder.read_exposures(tmp_path / "all") == recorded
     with refusal("other files of scenarios or recordings"):
         merge((first, shard(2, 0)), tmp_path / "other")
+
+
+def test_a_merged_run_names_files_and_builds_of_its_shards(tmp_path, monkeypatch):
+    monkeypatch.setattr(run_folder, "commit_of", lambda _: "driven")
+    (tmp_path / "mine.py").write_text("def acc(seen):\n    return 0.0\n")
+    checks = {
+        "created": "2026", "versions": {}, "machine": {}, "checks": [{"name": "a", "passed": True}]
+    }  # fmt: skip
+    qualification = tmp_path / "qualification.json"
+    qualification.write_text(json.dumps(checks))
+    settings = small(
+        {"mine": f"{tmp_path}/mine.py:acc"}, drivers=2, levels=2,
+        run=RunSettings(engine="serial", qualification=str(qualification)),
+    )  # fmt: skip
+    shards = [tmp_path / "first", tmp_path / "second"]
+    for number, folder in enumerate(shards, 1):
+        record_facts(replace(resolve(settings, folder, resume=False), shard=(number, 2)), folder)
+
+    monkeypatch.setattr(run_folder, "commit_of", lambda _: "later")
+    qualification.unlink()
+    merge(shards[::-1], tmp_path / "merged")
+    driven, merged = map(run_folder.read_manifest, (shards[0], tmp_path / "merged"))
+    assert merged == driven
 
 
 @pytest.mark.parametrize("text", ["0/4", "5/4", "1", "a/b", "1/", "-1/4", "1/" + "9" * 5000])
