@@ -95,7 +95,10 @@ def run_night(
     # a mistake in the file is reported before anything is locked, removed or simulated
     read_evaluation(evaluation)
     _refuse_without_history(history)
-    with _only_one(history), open_history(history, create=True) as database:
+    with (
+        _only_one(history, "this one was not begun"),
+        open_history(history, create=True) as database,
+    ):
         # the night to continue: the newest stopped night that had begun to record
         newest_first = reversed(database.stopped_last() if resume else ())
         stopped = next((name for name in newest_first if is_run(history / NIGHTS / name)), None)
@@ -279,23 +282,29 @@ def import_run(history: Path, run: Path, progress: Progress = quiet) -> Night:
 
     An imported night is a base only if it is accepted, because no gate was evaluated for it.
     """
-    with _only_one(history):
-        # first: a failure must not leave an empty history, which `_refuse_without_history` accepts
-        evaluation = score(run, progress=progress)
-        created = datetime.fromisoformat(str(evaluation.manifest["created"])).astimezone(UTC)
-        words = "Imported; no gate evaluated it."
-        night = _line(evaluation, _name(created), str(run.resolve()), IMPORTED, words)
-        with open_history(history, create=True) as database:
-            database.add(night, evaluation, ())
+    # first: a failure must not leave an empty history, which `_refuse_without_history` accepts. Nor
+    # may a night be refused because a run is scored here.
+    evaluation = score(run, progress=progress)
+    created = datetime.fromisoformat(str(evaluation.manifest["created"])).astimezone(UTC)
+    words = "Imported; no gate evaluated it."
+    night = _line(evaluation, _name(created), str(run.resolve()), IMPORTED, words)
+    with (
+        _only_one(history, f"{run} was not added: import it once that night has ended"),
+        open_history(history, create=True) as database,
+    ):
+        database.add(night, evaluation, ())
     return night
 
 
-def _only_one(history: Path) -> AbstractContextManager[None]:
-    """Lock of a history: only its holder may add a night."""
+def _only_one(history: Path, refused: str) -> AbstractContextManager[None]:
+    """Lock of a history: only its holder may add a night.
+
+    refused: ends the error message if another process holds it.
+    """
     return held(
         history / LOCK,
         f"The history folder {history}",
-        lambda owner: f"Another night is running in {history} ({owner}); this one was not begun.",
+        lambda owner: f"Another night is running in {history} ({owner}); {refused}.",
     )
 
 

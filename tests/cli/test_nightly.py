@@ -29,6 +29,7 @@ from cli.nights import evaluation, plant
 from sumo_eval import evaluate, open_run
 from sumo_eval.errors import InputError, StoppedError
 from sumo_eval.evaluation import score
+from sumo_eval.nightly import night
 from sumo_eval.nightly.history import HISTORY, open_history
 from sumo_eval.nightly.night import _clear_away, _prune, _refuse_without_room, run_night
 from sumo_eval.nightly.repeats import _differences, repeats_of
@@ -143,8 +144,25 @@ def test_a_second_night_is_refused_while_one_is_running(week):
     with (history / "lock").open("a+") as lock:
         fcntl.flock(lock, fcntl.LOCK_EX)
         done = nightly(file, history, status=2)
+        last = history / nights(history)[-1].folder
+        imported = sumo_eval("trend", history, "--import", last, status=2)
     assert "Another night is running" in done.stderr
+    assert f"{last} was not added: import it once that night has ended" in imported.stderr
     assert len(nights(history)) == before
+
+
+def test_a_night_may_begin_while_a_run_is_scored_for_import(week, tmp_path, monkeypatch):
+    history = tmp_path / "history"
+    history.mkdir()
+
+    def scored(run, **more):
+        with (history / "lock").open("a+") as lock:
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)  # fails while another has it
+        return score(run, **more)
+
+    monkeypatch.setattr(night, "score", scored)
+    last = week[1] / nights(week[1])[-1].folder
+    assert night.import_run(history, last).folder == str(last)
 
 
 @pytest.fixture
