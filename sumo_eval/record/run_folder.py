@@ -105,7 +105,7 @@ def create(
     examples: one concrete scenario of each logical one.
     another_round: whether the process that began or resumed the run continues it; else an existing
         run is resumed now, and the manifest notes that.
-    driven: of a merged run, what the manifest says about its drives; these were made elsewhere.
+    driven: of a merged run, the manifest of its shards, by which it was driven.
     """
     # imported here: what only reads a run needs nothing of `cosim`
     from sumo_eval.record.identity import hashes_of_inputs
@@ -278,8 +278,8 @@ def builds_of(settings: EvaluationSettings, source: Path) -> Mapping[str, str]:
 
 
 def manifest_of_shards(manifests: Sequence[Manifest]) -> Manifest:
-    """What the manifest of a merged run says about the drives of its shards: that of the first
-    shard that was begun, and of each ADS the builds of all shards.
+    """Part of a merged run's manifest on its drives: the manifest of the shard that began first,
+    with the builds of all shards.
     """
     # a manifest of an earlier version has no builds
     builds = grouped(pair for manifest in manifests for pair in manifest.get("builds", {}).items())
