@@ -52,7 +52,9 @@ def picture(logical: LogicalScenario, points: Sample) -> go.Figure:
     """
     k = len(logical.parameters)
     side = max(1, k - 1)
-    figure = make_subplots(rows=side, cols=side, horizontal_spacing=0.08, vertical_spacing=0.1)
+    # in proportion to the panels: plotly refuses spaces that leave no room for many of them
+    spacing = {"horizontal_spacing": 0.24 / side, "vertical_spacing": 0.3 / side}
+    figure = make_subplots(rows=side, cols=side, **spacing)
     size = 4.0 + 6.0 * np.sqrt(points.exposure / (points.exposure.max(initial=0.0) or 1.0))
     pairs = [(i, j) for j in range(1, k) for i in range(j)] or [(0, 0)]  # one parameter: alone
     for x, y in pairs:

@@ -30,6 +30,16 @@ def test_sample_writes_and_draws_the_points_of_a_scenario_file(truck, tmp_path):
     assert 'id="study-data"' in page or "truck_speed" in page
 
 
+def test_a_space_of_many_parameters_is_drawn(tmp_path):
+    """13 parameters: 12 rows of panels."""
+    names = [f"p{number}" for number in range(13)]
+    parameter = '[[parameter]]\nname = "{}"\nunit = "m/s"\nlow = 1.0\nhigh = 2.0\nstep = 1.0\n'
+    scene = f'name = "many"\nzone = "none"\nego = {{ speed = "{" + ".join(names)}" }}\n'
+    (tmp_path / "many.toml").write_text(scene + "".join(map(parameter.format, names)))
+    sumo_eval(f"sample {tmp_path}/many.toml --method sobol --count 8 --out {tmp_path}/out")
+    assert (tmp_path / "out" / "points.html").is_file()
+
+
 def test_a_space_of_grid_points_alone_has_no_boundary_error(truck):
     truck.write_text(f'{EXAMPLE}\n[[constraint]]\nrequire = "ego_speed == 20.0"\n')
     assert "boundary: unknown, as no point" in sumo_eval("partition", truck).said
