@@ -193,9 +193,10 @@ def explain_t(findings: Findings) -> str:
         return f"T is not computed: {REASON_WITHOUT_T}."
     car = score.task_reference
     beside = f"`{car}`" if car else "the drivers alone: the run has no reference car"
-    groups = (score.departures, "left the road"), (score.gave_up, "given up")
-    lost = ", ".join(f"{count(cases, 'case')} {words}" for cases, words in groups if cases)
-    return f"T = {number(score.task_share, 3)} beside {beside}{'; ' if lost else ''}{lost}."
+    cases = findings.cases[findings.cases.safe]
+    groups = (cases.departed.sum(), "left the road"), (cases.gave_up.sum(), "given up")
+    losses = ", ".join(f"{count(lost, 'case')} {words}" for lost, words in groups if lost)
+    return f"T = {number(score.task_share, 3)} beside {beside}{'; ' if losses else ''}{losses}."
 
 
 def explain_c(findings: Findings) -> str:

@@ -20,7 +20,7 @@ from sumo_eval.report import words
 from sumo_eval.report.explain import _zone, explain_case, known_case
 from sumo_eval.report.junit import _facts
 from sumo_eval.report.notes import index_notes, notes_sentence
-from sumo_eval.report.score_words import explain_a, explain_c, explain_d, explain_s
+from sumo_eval.report.score_words import explain_a, explain_c, explain_d, explain_s, explain_t
 from sumo_eval.report.words import count, number, percent, sampling_words, severity_words
 from sumo_eval.results import NotComputed
 from sumo_eval.scenario import catalogue
@@ -73,6 +73,15 @@ def test_c_is_explained_by_counts_of_each_zone(evaluation):
     assert f"in {score.safe_collisions} of {score.safe_cases} safe cases" in text
     assert f"avoids {score.avoidable_collisions} of these" in text
     assert f"C = {score.c:.3f}" in text
+
+
+def test_losses_of_t_are_of_safe_cases(evaluation):
+    """T has no part of a hazardous case, however it ended."""
+    for zone in ("safe", "hazardous"):
+        case = pick(evaluation, collided=False, zone=zone)
+        left = with_case(with_scores(evaluation, departures=1), case, departure_time=1.0)
+        found = Findings.of(left, left.score(CALM, case.scenario))
+        assert ("1 case left the road" in explain_t(found)) == case.safe
 
 
 def test_no_collision_is_said_as_such(evaluation):
