@@ -89,19 +89,20 @@ def explain_case(
 
 
 def _zone(case: CaseResult, zones: ZonePartition) -> Iterator[str]:
+    """Zone of the case: exact, and as the Gaussian process learnt it."""
     logical, settings = zones.logical, zones.settings
     if not (logical.approach or logical.search or logical.margin):
         yield "Eqs. 1-8: the scenario declares no zones, so every point counts as safe"
         return
     row = logical.row(case.values)
-    found = criticality(logical, row[None], settings)
+    critical = criticality(logical, row[None], settings)  # arrays of one point
     if logical.margin is not None:
         yield (
-            f"in place of Eqs. 1-6: {found.gap[0]:z.4f} m to the limit that the scenario states; "
-            f"hazardous from 0 down: the {case.zone} zone"
+            f"in place of Eqs. 1-6: {critical.gap[0]:z.4f} m to the limit that the scenario "
+            f"states; hazardous from 0 down: the {case.zone} zone"
         )
     else:
-        largest = found.inverse[0]
+        largest = critical.inverse[0]
         peak = "unbounded, ideal braking hits" if math.isinf(largest) else f"{largest:z.4f} 1/s"
         yield (
             f"Eqs. 1-6: largest inverse TTC under ideal braking with {settings.deceleration:g} "
@@ -113,7 +114,29 @@ def _zone(case: CaseResult, zones: ZonePartition) -> Iterator[str]:
     yield f"Eqs. 7-8: y = {learnt:+z.4f}: {side} as learnt, for maps and weights"
 
 
+def _weight(case: CaseResult, zones: ZonePartition) -> Iterator[str]:
+    """Weight r of the case's point, alone and times the points that it stands for."""
+    row = zones.logical.row(case.values)
+    r = float(collision_weight(row, zones))
+    if zones.zones == 0:
+        yield "Eq. 16: r = 1, there is no hazardous zone"
+    else:
+        star, away, boundary = star_distance(zones, row, r)
+        edge = "" if boundary is None else f", zone's boundary at {boundary:z.4f}"
+        yield (
+            f"Eq. 16: r = |x - x*| / |b - x*| = {r:z.4f}: {away:z.4f} unit-box lengths from x* "
+            f"({point_words(star)}){edge}"
+        )
+    weight = r if case.weight is None else case.weight
+    if r and not math.isclose(weight, r, rel_tol=ROUNDING):
+        yield (
+            f"adaptive sample: this point stands for {weight / r:z.4f} points of an even one, so "
+            f"its r counts {r:z.4f} x {weight / r:z.4f} = {weight:z.4f} below"
+        )
+
+
 def _collision(case: CaseResult, fact: Fact, findings: Findings) -> Iterator[str]:
+    """U and L of the case's collision, and what it took from C and S."""
     hit = fact.collision
     if hit is None:
         yield "Eqs. 14-17: no contact, so this case has no part in C"
@@ -149,35 +172,15 @@ def _collision(case: CaseResult, fact: Fact, findings: Findings) -> Iterator[str
     capped = ", capped at 1: gentler than the ideal vehicle" if case.beats_ideal else ""
     yield f"Eq. 17: the ideal vehicle {best}: {ratio} = {part.value:z.4f}{capped}"
     points = worth(findings.method.score)  # of S that C = 1 and D = 1 are worth
-    weight, total, alike = case.weight, part.total, ""
-    if not total:
-        weight, total, alike = 1.0, part.cases, ", r counts 1 as it is 0 in all"
+    weight, total, replaced = case.weight, part.total, ""
+    if not total:  # `Findings.part` weighs all collisions alike then
+        weight, total, replaced = 1.0, part.cases, ", r counts 1 as it is 0 in all"
     yield (
         f"Eq. 17: of 1 - C = {1.0 - (findings.score.c or 0.0):z.4f} this case took "
         f"r (1 - {ratio}) / sum r = {number(weight, 4)} x {1.0 - part.value:z.4f} / "
-        f"{total:z.4f} = {part.takes:z.4f} ({count(part.cases, 'collision')}{alike}), "
+        f"{total:z.4f} = {part.takes:z.4f} ({count(part.cases, 'collision')}{replaced}), "
         f"{points.c * part.takes:z.2f} points of S"
     )
-
-
-def _weight(case: CaseResult, zones: ZonePartition) -> Iterator[str]:
-    row = zones.logical.row(case.values)
-    r = float(collision_weight(row, zones))
-    if zones.zones == 0:
-        yield "Eq. 16: r = 1, there is no hazardous zone"
-    else:
-        star, away, boundary = star_distance(zones, row, r)
-        edge = "" if boundary is None else f", zone's boundary at {boundary:z.4f}"
-        yield (
-            f"Eq. 16: r = |x - x*| / |b - x*| = {r:z.4f}: {away:z.4f} unit-box lengths from x* "
-            f"({point_words(star)}){edge}"
-        )
-    weight = r if case.weight is None else case.weight
-    if r and not math.isclose(weight, r, rel_tol=ROUNDING):
-        yield (
-            f"adaptive sample: this point stands for {weight / r:z.4f} points of an even one, so "
-            f"its r counts {r:z.4f} x {weight / r:z.4f} = {weight:z.4f} below"
-        )
 
 
 def _likeness(
@@ -188,6 +191,7 @@ def _likeness(
     zones: ZonePartition,
     store: Store,
 ) -> Iterator[str]:
+    """D_i of the case, recomputed from its trajectories, and what it took from D and S."""
     if case.zone != "safe":
         yield "Eqs. 11-13: the hazardous zone has no D_i"
         return
@@ -236,6 +240,7 @@ def _without_likeness(case: CaseResult, of_mean: str) -> str:
 
 
 def _factors(index: AnthropomorphicIndex) -> Iterator[str]:
+    """D_i as the product of its factors."""
     parts = index.ingredients
     yield (
         f"Eq. 12: f_L = min(1, L / mean L of {count(parts.drivers, 'driver')}) = min(1, "
@@ -259,6 +264,32 @@ def _factors(index: AnthropomorphicIndex) -> Iterator[str]:
         f"{index.length_factor:z.4f} x {index.operation_factor:z.4f} x {index.similarity:z.4f}"
     )
     yield f"Eq. 12: D_i = {product} = {index.value:z.4f}"
+
+
+def _task(case: CaseResult, findings: Findings) -> Iterator[str]:
+    """Part of the case in T, the mean of t_i over the safe cases."""
+    if case.zone != "safe":
+        yield "T: the hazardous zone has no part in it"
+        return
+    if case.task_share is None:
+        no_reference = "no reference is there without an incident"
+        why = no_reference if case.counted else "it could not be evaluated"
+        yield f"T: this case has no part in it: {why}"
+        return
+    score = findings.score
+    if score.task_share is None:
+        yield f"T: t_i = {case.task_share:z.4f}; T is not computed: {REASON_WITHOUT_T}"
+        return
+    car = score.task_reference
+    slowest = f"the slowest of `{car}` and the drivers" if car else "the slowest of the drivers"
+    slowest = f"`{car}`" if score.nobody_compared else slowest
+    why = " for its incident" if case.incident or case.struck_from_behind else ""  # t_i is 0
+    part = findings.part(case, findings.tasked, findings.cases.exposure, findings.cases.task_share)
+    yield (
+        f"T: t_i = {case.task_share:z.4f}{why}, mean over the way of min(1, time of "
+        f"{slowest} / own time); of 1 - T = {1.0 - score.task_share:z.4f} this case took "
+        f"{part.takes:z.4f} ({count(part.cases, 'case')})"
+    )
 
 
 def _avoided(case: CaseResult, findings: Findings) -> Iterator[str]:
@@ -300,32 +331,6 @@ def _avoided(case: CaseResult, findings: Findings) -> Iterator[str]:
     )
 
 
-def _task(case: CaseResult, findings: Findings) -> Iterator[str]:
-    """Part of the case in T, the mean of t_i over the safe cases."""
-    if case.zone != "safe":
-        yield "T: the hazardous zone has no part in it"
-        return
-    if case.task_share is None:
-        no_reference = "no reference is there without an incident"
-        why = no_reference if case.counted else "it could not be evaluated"
-        yield f"T: this case has no part in it: {why}"
-        return
-    score = findings.score
-    if score.task_share is None:
-        yield f"T: t_i = {case.task_share:z.4f}; T is not computed: {REASON_WITHOUT_T}"
-        return
-    car = score.task_reference
-    slowest = f"the slowest of `{car}` and the drivers" if car else "the slowest of the drivers"
-    slowest = f"`{car}`" if score.nobody_compared else slowest
-    why = " for its incident" if case.incident or case.struck_from_behind else ""
-    part = findings.part(case, findings.tasked, findings.cases.exposure, findings.cases.task_share)
-    yield (
-        f"T: t_i = {case.task_share:z.4f}{why}, mean over the way of min(1, time of "
-        f"{slowest} / own time); of 1 - T = {1.0 - score.task_share:z.4f} this case took "
-        f"{part.takes:z.4f} ({count(part.cases, 'case')})"
-    )
-
-
 def _human(case: CaseResult, findings: Findings) -> Iterator[str]:
     """Part of the case in H, the mean of f_L f_n+ similarity plausibility over the safe cases."""
     if case.zone != "safe":
@@ -356,6 +361,7 @@ def _human(case: CaseResult, findings: Findings) -> Iterator[str]:
 
 
 def _measures(case: CaseResult) -> Iterator[str]:
+    """The measures of the case that are known, on one line."""
     measures = [
         f"{words} {value:z.3g} {unit}"
         for name, words, unit in MEASURES

@@ -67,7 +67,8 @@ _RECORDED = {item.name for item in fields(CaseResult) if item.name != "clips"} &
 
 
 LIGHTEST = sys.float_info.min
-"""Least loss, 0..1, of a contact of the ideal vehicle: 0 stands for no contact."""
+"""Least loss, 0..1, of a contact of the ideal vehicle: 0 stands for no contact. So a contact of an
+ADS with loss 0 is compared as if it had this loss, too."""
 
 
 class Remarks(NamedTuple):
@@ -246,7 +247,7 @@ def tabulate(
         zone: Zone = "hazardous" if overview.hazardous[fact.point] else "safe"
         drive, struck = drives[fact.case], struck_by_other(fact, space)
         severity = _severity(fact, space)
-        ideal = harm[fact.point]["ideal_severity"]
+        ideal = harm[fact.point]["ideal_severity"]  # Ug; None: not known
         fields_of_row: RowFields = {
             **{name: getattr(fact, name) for name in _RECORDED},
             **harm[fact.point],
@@ -337,7 +338,8 @@ def combine(
     cases = CaseTable.of(rows)
     terms = case_terms(cases, method)
     values = point_values(terms)
-    safe_cases, voiding = _number(cases.safe), _number(cases.voids_index)
+    safe_cases = _number(cases.safe)
+    voiding = _number(cases.voids_index)  # collisions after which there is no D
     is_missing = missing_cases(cases, has_index=people and not voiding)
     missing = Counter[Zone](cases.zone[is_missing].tolist())
     bounds = missing_bounds(cases, terms, values, people=people) if missing else {}
@@ -349,13 +351,13 @@ def combine(
     human_likeness = values["human_likeness"]
     points = worth(method.score)
     # T max(A', 0), the part of S+ that a and b H multiply
-    done = (values["task_share"] or 0.0) * max(values["avoidance_grade"] or 0.0, 0.0)
-    # fields of the result by name; the interval is what missing cases leave open so far
+    harmless_task = (values["task_share"] or 0.0) * max(values["avoidance_grade"] or 0.0, 0.0)
+    # Fields of the result by name. An interval holds only what missing cases leave open:
+    # `with_intervals` widens it. A case without D_i alone is not evaluated either.
     scores: dict[str, Any] = {f"{name}_interval": ends for name, ends in bounds.items()}
     scores |= values | counts(cases) | {"not_evaluated": missing.total()}
-    # a float, which is never None
     if values["collision_probability"] is None:
-        scores["collision_probability"] = math.nan
+        scores["collision_probability"] = math.nan  # this field is never None
     return ScenarioResult(
         ads=ads,
         scenario=scenario,
@@ -368,8 +370,8 @@ def combine(
         else _without_mean(cases.human_likeness[cases.safe], 0, people=people),
         c_points=points.c * (values["c"] or 0.0),
         d_points=points.d * (values["d"] or 0.0),
-        a_points=method.score.a * done,
-        h_points=method.score.b * done * (human_likeness or 0.0),
+        a_points=method.score.a * harmless_task,
+        h_points=method.score.b * harmless_task * (human_likeness or 0.0),
         cases=len(cases),
         safe_cases=safe_cases,
         hazardous_cases=len(cases) - safe_cases,
