@@ -89,7 +89,7 @@ def embedded_cases(
                 "missing": why_missing(case) if missing[row] else None,
                 "avoided": finite(ratios[row]),
                 "lost": finite(lost_of_c[row]),
-                "aLost": finite(lost_of_a[row]) if case.collided else None,
+                "aLost": finite(lost_of_a[row]) if case.incident else None,
                 "verdict": str(verdict_of[row]),
             }
             embedded[findings.score.scenario].append((case, details))

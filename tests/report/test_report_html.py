@@ -15,14 +15,14 @@ from builders import CALM, CUT_OUT, ERROR, HOSTILE, LOW_SPEED
 from lxml import html
 from packed_pages import unpacked
 from refusals import refusal
-from report_cases import with_losses, with_scores, with_settings
+from report_cases import with_case, with_losses, with_scores, with_settings
 from tables import values_of
 
 from sumo_eval.case_table import CaseTable
 from sumo_eval.report import sent_drives
 from sumo_eval.report.html import term, write_report
 from sumo_eval.report.page import code_marked, template
-from sumo_eval.report.page_data import gathered_words
+from sumo_eval.report.page_data import embedded_cases, gathered_words
 from sumo_eval.report.readings import readings, setting_rows
 from sumo_eval.report.score_words import GLOSSARY
 from sumo_eval.report.sections import ranking_content
@@ -34,6 +34,7 @@ from sumo_eval.scenario.resolved import Resolved
 from sumo_eval.scoring.findings import unevaluated
 from sumo_eval.scoring.map_view import choose_view, telling_slice
 from sumo_eval.scoring.preventability import preventability
+from sumo_eval.scoring.shown_cases import shown_cases
 from sumo_eval.scoring.zone_levels import rooms_of
 from sumo_eval.settings import DriverSettings, PlantSettings, RunSettings, SimulationSettings
 
@@ -225,6 +226,18 @@ def test_a_map_of_many_parameters_takes_the_two_that_vary_most(evaluation):
     assert view.x == 2
     assert view.y == 3
     assert set(view.fixed) == {0, 1}
+
+
+def test_loss_of_a_by_any_incident_is_in_the_page(evaluation):
+    """A map opens at the case that loses most, which may leave the road without a contact."""
+    case = next(
+        it for it in evaluation.cases if it.ads == CALM and it.evaluated and not it.incident
+    )
+    gone = with_case(evaluation, case, departure_time=1.0, departure_severity=20.0)
+    for run, lost in ((evaluation, False), (gone, True)):
+        rows = embedded_cases(run, shown_cases(run))[case.scenario]
+        (details,) = (more for it, more in rows if it.case == case.case)
+        assert bool(details["aLost"]) == lost
 
 
 def test_a_map_shows_the_two_chosen_parameters(evaluation):
