@@ -187,43 +187,19 @@ class _Sums:
     def intervals(self, groups: Strata, seed: int, scenario: str) -> ScoreIntervals:
         """The intervals, once all points have been added."""
         ads, terms, m = self._ads, self._ads.terms, len(self._balanced)
-        sums = self._balanced.T
-        # number of sums of the scores; those of unseen collisions follow
-        of_scores = len(sums) - len(self._unseen.terms)
-        known, drawn = KnownSums(sums[:of_scores]), KnownSums(self._drawn.T)
-        # scores from known sums: `slice(0, 0)`, because no case is read
-        plain = scores_of(terms, known, drawn, rows=slice(0, 0))
-
-        def stream(*names: str) -> np.random.Generator:
-            """A random stream by its names."""
-            return random_stream(seed, "intervals", *names)
-
+        plain, of_unseen = self._scores()
         # in each replicate: number of unseen collisions, and weight of the one more case, (m,)
-        unseen = stream("unseen", scenario, ads.ads).standard_exponential(m)
-        weight = stream("one more", scenario).exponential(ONE_MORE, m)
+        unseen = _stream(seed, "unseen", scenario, ads.ads).standard_exponential(m)
+        weight = _stream(seed, "one more", scenario).exponential(ONE_MORE, m)
         deviates = driver_deviates(ads.drivers, seed, m)
 
-        def with_drivers(scores: ScoreSamples) -> ScoreSamples:
-            """The scores with the drivers' errors added to D and H, which stay within 0..1."""
-            index, likeness = deviates @ ads.drivers.index, deviates @ ads.drivers.likeness
-            d = np.clip(scores["d"] + index, 0.0, 1.0)
-            human = np.clip(scores["human_likeness"] + likeness, 0.0, 1.0)
-            return _summed({**scores, "d": d, "human_likeness": human}, terms.method)
-
         # replicates for the good end of each interval, then for the bad end
-        better = with_drivers(plain)
-        worse = dict(better)
-        for name, lost in self._unseen.losses(sums[of_scores:], unseen).items():
-            worse[name] = better[name] + lost if name in BAD_SIDE_UP else better[name] - lost
+        better = _with_drivers(plain, ads, deviates)
+        worse = _with_losses(better, self._unseen.losses(of_unseen, unseen))
         worse = _with_one_more(worse, better, terms, weight)
         single = _single(terms)
-        worse, better = (
-            _summed(
-                scores | {name: np.where(np.isnan(scores[name]), np.nan, end) for name in single},
-                terms.method,
-            )
-            for scores, end in ((worse, 0.0), (better, 1.0))
-        )
+        worse = _with_open_means(worse, single, 0.0, terms.method)
+        better = _with_open_means(better, single, 1.0, terms.method)
 
         values = point_values(terms)
         freedom = _freedom(ads, groups)
@@ -232,7 +208,7 @@ class _Sums:
         fixed = {
             name: np.full(m, np.nan if value is None else value) for name, value in values.items()
         }
-        by_source = {"cases": plain, "drivers": with_drivers(fixed)}
+        by_source = {"cases": plain, "drivers": _with_drivers(fixed, ads, deviates)}
         sources: dict[str, Mapping[str, float]] = {
             name: {
                 source: _half(scores[name], freedom[name]) for source, scores in by_source.items()
@@ -243,6 +219,16 @@ class _Sums:
         return ScoreIntervals(
             limits, sources, worse["s_plus"], better["s_plus"], freedom["s_plus"], ads.missing
         )
+
+    def _scores(self) -> tuple[ScoreSamples, FloatArray]:
+        """The scores in each replicate, (m,) each, without errors of the drivers; and the sums of
+        the terms of unseen collisions, (k, m).
+        """
+        sums = self._balanced.T
+        of_scores = len(sums) - len(self._unseen.terms)
+        known, drawn = KnownSums(sums[:of_scores]), KnownSums(self._drawn.T)
+        # scores from known sums: `slice(0, 0)`, because no case is read
+        return scores_of(self._ads.terms, known, drawn, rows=slice(0, 0)), sums[of_scores:]
 
     def _limits(
         self,
@@ -280,22 +266,52 @@ class _Sums:
         return limits
 
 
+def _stream(seed: int, *names: str) -> np.random.Generator:
+    """A random stream by its names."""
+    return random_stream(seed, "intervals", *names)
+
+
 def driver_deviates(drivers: DriverDeviations, seed: int, replicates: int) -> FloatArray:
     """Random numbers of Student's t distribution, (m, k), a column for each name in `drivers`.
 
     A driver has the same numbers in every scenario and for every ADS. So in the difference of two
     ADSs' scores the drivers' errors cancel as far as they are common.
     """
-    normal = [
-        random_stream(seed, "intervals", "driver", name).standard_normal(replicates)
-        for name in drivers.names
-    ]
+    normal = [_stream(seed, "driver", name).standard_normal(replicates) for name in drivers.names]
     if not normal:
         return np.zeros((replicates, 0))
-    share = random_stream(seed, "intervals", "spread of drivers").uniform(size=replicates)
+    share = _stream(seed, "spread of drivers").uniform(size=replicates)
     # a number of Student's t is a normal number divided by the root of chi^2 / freedom
     wider = np.sqrt(drivers.freedom / chdtri(drivers.freedom, share))
     return np.column_stack(normal) * wider[:, None]
+
+
+def _with_drivers(scores: ScoreSamples, ads: AdsCases, deviates: FloatArray) -> ScoreSamples:
+    """The scores with the drivers' errors added to D and H, which stay within 0..1.
+
+    deviates: as from `driver_deviates`.
+    """
+    index, likeness = deviates @ ads.drivers.index, deviates @ ads.drivers.likeness
+    d = np.clip(scores["d"] + index, 0.0, 1.0)
+    human = np.clip(scores["human_likeness"] + likeness, 0.0, 1.0)
+    return _summed({**scores, "d": d, "human_likeness": human}, ads.terms.method)
+
+
+def _with_losses(scores: ScoreSamples, losses: ScoreSamples) -> ScoreSamples:
+    """The scores, but those of `losses` moved to their bad side by their loss."""
+    moved = {
+        name: scores[name] + lost if name in BAD_SIDE_UP else scores[name] - lost
+        for name, lost in losses.items()
+    }
+    return {**scores, **moved}
+
+
+def _with_open_means(
+    scores: ScoreSamples, single: Sequence[str], end: float, method: MethodSettings
+) -> ScoreSamples:
+    """The scores, but those of `single` (see `_single`) at one end of 0..1 where they exist."""
+    open_means = {name: np.where(np.isnan(scores[name]), np.nan, end) for name in single}
+    return _summed({**scores, **open_means}, method)
 
 
 def _summed(scores: ScoreSamples, method: MethodSettings) -> ScoreSamples:
