@@ -11,7 +11,7 @@ import math
 
 from sumo_eval.extras.openscenario.frame import SAME, Frame
 from sumo_eval.extras.openscenario.moments import NEVER, Moment, Past, Span, from_time, implied
-from sumo_eval.extras.openscenario.places import Entity, Places
+from sumo_eval.extras.openscenario.places import Entity, Places, Plan
 from sumo_eval.extras.openscenario.reading import Node
 from sumo_eval.frozen import frozen
 from sumo_eval.scenario.played import (
@@ -60,11 +60,11 @@ def add_act(traffic: FileTraffic, entity: Entity, begin: Moment, act: Act, lasts
     lasts: duration, s; without effect where the act begins by a condition.
     """
     earliest, past = _past_at(traffic, begin)
-    for until, kinds, fault, move in entity.reads:
+    for plan in entity.plans:
         # the act's own plan does not count, nor that of a move that ends before the act begins
-        matters = act.kind in kinds and move not in (*past, entity.next_move)
-        if matters and earliest < until and not changes_nothing(act):
-            raise fault
+        matters = act.kind in plan.kinds and plan.move not in (*past, entity.next_move)
+        if matters and earliest < plan.until and not changes_nothing(act):
+            raise plan.fault
     entity.acts.append(act._replace(begin=begin.time, program=begin.program))
     if begin.known:
         return Span(begin, begin.time + lasts)
@@ -147,7 +147,7 @@ def note_plan(
         f"`{entity.name}`, on which it depends, may move before by an event below it in the "
         "file, which is not supported"
     )
-    entity.reads.append((begin.time if begin.known else math.inf, kinds, fault, move))
+    entity.plans.append(Plan(begin.time if begin.known else NEVER, kinds, fault, move))
 
 
 def match_vehicle(

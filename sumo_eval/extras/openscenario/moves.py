@@ -44,7 +44,7 @@ from sumo_eval.extras.openscenario.drive_numbers import (
 from sumo_eval.extras.openscenario.frame import ORIGIN, SAME, Frame
 from sumo_eval.extras.openscenario.moments import AT_ONCE, NEVER, Moment, Span
 from sumo_eval.extras.openscenario.network import ON, Lane, MapRoad, in_frame
-from sumo_eval.extras.openscenario.places import Entity, MapPath, Places, Spot, UnplacedError
+from sumo_eval.extras.openscenario.places import Entity, MapPath, Places, Plan, Spot, UnplacedError
 from sumo_eval.extras.openscenario.reading import Node
 from sumo_eval.scenario.played import (
     ALONG,
@@ -98,11 +98,12 @@ def begin_action(traffic: FileTraffic, element: Node, entity: Entity, moment: Mo
     move = entity.next_move
     span = element.chosen(readers, "moves")(traffic, element, entity, moment)
     # Where the action became no act, the entity's next act gets the number `move`. Plans that
-    # this action noted under this number, the last item of `reads`, must not count as that
-    # act's own.
+    # this action noted under this number must not count as that act's own.
     if entity.next_move == move:
         for other in traffic.places.entities.values():
-            other.reads = [(*it[:3], NO_MOVE) if it[3] == move else it for it in other.reads]
+            other.plans = [
+                plan._replace(move=NO_MOVE) if plan.move == move else plan for plan in other.plans
+            ]
     return span
 
 
@@ -373,7 +374,7 @@ def _change_lane(traffic: FileTraffic, element: Node, entity: Entity, begin: Mom
         # becomes no act, and needs no steady speed.
         if abs(offset - entity.moved) > ON:
             until = begin.time + lasts if begin.known else math.inf
-            entity.reads.append((until, SPEEDS, dynamics.fault(_STEADY), entity.next_move))
+            entity.plans.append(Plan(until, SPEEDS, dynamics.fault(_STEADY), entity.next_move))
     return _across(traffic, element, entity, begin, offset, lasts, shape)
 
 

@@ -17,6 +17,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field, replace
 from itertools import accumulate, pairwise
+from typing import NamedTuple
 
 import numpy as np
 
@@ -39,7 +40,7 @@ _STRAIGHT = 0.05  # m that a straight route or trajectory may be off the line th
 
 
 NOWHERE = Pose(math.nan, math.nan, math.nan)
-"""Place of an entity in the scenario's road while the road is unknown."""
+"""Pose of an entity in the scenario's road while the road is unknown."""
 
 
 @frozen
@@ -93,6 +94,21 @@ class UnplacedError(InputError):
         self.entity = entity
 
 
+class Plan(NamedTuple):
+    """A move that was planned as if an entity began no further act of some kinds before the move.
+
+    until: time until which the entity must begin none, s.
+    kinds: of these acts.
+    fault: what to raise if the entity begins one.
+    move: the planned move; once it has ended, the entity may begin one.
+    """
+
+    until: float
+    kinds: tuple[int, ...]
+    fault: InputError
+    move: Move
+
+
 @dataclass(slots=True)
 class Entity:
     """A vehicle, a pedestrian or an object. Reading the file fills it in, step by step.
@@ -124,9 +140,7 @@ class Entity:
     steady: end of that change, s.
     moved: its offset to the left of its start, m.
     busy_until: end of its last lateral move, s.
-    reads: moves of any entity that were planned as if this entity began no further act of some
-        kinds. Each is a tuple: time until which it must begin none, s; the kinds; the fault to
-        raise if it begins one; the planned move. Once this move has ended it may begin one.
+    plans: moves of any entity that were planned from the acts of this entity.
     """
 
     name: str
@@ -151,7 +165,7 @@ class Entity:
     steady: float = 0.0
     moved: float = 0.0
     busy_until: float = 0.0
-    reads: list[tuple[float, tuple[int, ...], InputError, Move]] = field(default_factory=list)
+    plans: list[Plan] = field(default_factory=list)
 
     @property
     def next_move(self) -> Move:

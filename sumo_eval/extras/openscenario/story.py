@@ -114,7 +114,7 @@ class Story(NamedTuple):
         # conditions in the act may ask whether it runs: it is noted before its end is known
         first = len(self.conditions.spans)
         span = self.conditions.note(act, (story,), Span(begin, NEVER))
-        before = [len(entity.acts) for entity in self.traffic.actors]
+        before = self._move_counts()
         above = story, act.attribute("name")
         groups = [self._group(it, above, begin) for it in act.all("ManeuverGroup")]
         over_groups = Span.over(begin, groups)
@@ -122,9 +122,7 @@ class Story(NamedTuple):
         stop = act.find("StopTrigger[ConditionGroup]")
         if not stop:
             return span
-        if before == [
-            len(entity.acts) for entity in self.traffic.actors
-        ]:  # it has no moves to stop
+        if before == self._move_counts():  # it has no moves to stop
             self.traffic.places.ignored["StopTrigger"] = None
             return span
         at = self.conditions.moment(act, Moment(0.0), stop.tag)
@@ -142,6 +140,10 @@ class Story(NamedTuple):
             why = "an actor moves in it" if moves else "a condition waits for what is in it"
             raise stop.fault(f"an act that a time stops while {why} is not supported")
         return span
+
+    def _move_counts(self) -> list[int]:
+        """Number of moves so far of each actor."""
+        return [len(entity.acts) for entity in self.traffic.actors]
 
     def _stopped(self, stop: Node, at: Moment, before: list[int]) -> Program:
         """Let a condition stop an act: further moves do not begin, speeds stay as they are.
