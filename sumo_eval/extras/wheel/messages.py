@@ -31,7 +31,7 @@ Steer = Annotated[float, _strict(ge=-30.0, le=30.0)]
 Wish = Annotated[bool, _strict(ge=True)]
 Remark = Annotated[str, AfterValidator(lambda text: clean(text, REMARK))]
 Sent = tuple[
-    Count, Annotated[int, _strict(ge=-1)], Literal["keys", "wheel", "stick"],
+    Count, Annotated[int, _strict(ge=-1, le=1 << 40)], Literal["keys", "wheel", "stick"],
     Annotated[int, _strict(ge=0, le=EVERY_KEY)], Steer, Pedal, Pedal
 ]  # fmt: skip
 """An input: its running number, number of the state that the person saw (-1: none yet), and kind,
