@@ -19,6 +19,7 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -34,6 +35,7 @@ from sumo_eval.drivers.recorded.events import (
 from sumo_eval.drivers.recorded.recordings import MOTOR_CLASSES, STANDARD_LANE, Recordings
 from sumo_eval.errors import InputError
 from sumo_eval.extras.rates.measured import (
+    Measurement,
     Motion,
     NotMeasuredError,
     approach,
@@ -48,6 +50,10 @@ from sumo_eval.trajectory import FloatArray
 CLASSES = (
     "cut_in", "overtaken_and_cut_off", "merging", "cut_out", "braking", "approach", "lane_change",
 )  # fmt: skip
+Counted = tuple[str, Event, str, Callable[[], Measurement]]
+"""An event that belongs to a class: class, event, name of the actor, and the function that measures
+the event.
+"""
 OVERTOOK = 20.0  # s before its lane change within which an overtaking vehicle was behind
 SPEEDS_EVERY = 10  # quantiles of speeds use every tenth sample
 QUANTILES = 0.05, 0.5, 0.95  # of speeds
@@ -159,14 +165,14 @@ def _measure_recording(
     name: str, traffic: RecordedTraffic, classes: Mapping[str, Encounters]
 ) -> None:
     """Count and measure the events of a recording, and add them to `classes`."""
-    for kind, event, other, measure, *more in _events_that_count(traffic):
+    for kind, event, other, measure in _events_that_count(traffic):
         encountered = classes[kind]
         if event["ghost"]:
             encountered.ghosts += 1
             continue
         encountered.events += 1
         try:
-            row, motion = measure(traffic, event, *more)
+            row, motion = measure()
         except NotMeasuredError as reason:
             encountered.left_out[str(reason)] += 1
             continue
@@ -176,12 +182,8 @@ def _measure_recording(
         encountered.sources.append(source)
 
 
-def _events_that_count(traffic: RecordedTraffic) -> Iterator[Any]:
-    """The events of the recording that belong to a class.
-
-    Each is a tuple: class, event, name of the actor, function that measures the event, and this
-    function's arguments after traffic and event.
-    """
+def _events_that_count(traffic: RecordedTraffic) -> Iterator[Counted]:
+    """The events of the recording that belong to a class."""
     change_of = {(change.vehicle, round(change.t, 3)): change for change in traffic.changes}
     events = encounters(traffic)
     for kind, measure in (("cut_in", cut_in), ("cut_out", cut_out)):
@@ -189,13 +191,13 @@ def _events_that_count(traffic: RecordedTraffic) -> Iterator[Any]:
             # under the name of its kind, an event has the vehicle that changes lane
             change = change_of[event[kind], round(event["t"], 3)]
             name = _kind_of_cut_in(traffic, event, change) if kind == "cut_in" else kind
-            yield name, event, change.vehicle, measure, change
+            yield name, event, change.vehicle, partial(measure, traffic, event, change)
     for event in events["lead_braking"]:
         if event["headway"] <= BRAKING_HEADWAY:
-            yield "braking", event, event["lead"], braking
+            yield "braking", event, event["lead"], partial(braking, traffic, event)
     for event in events["approach"]:
         if event["start_kind"] == "range_crossing":
-            yield "approach", event, event["lead"], approach
+            yield "approach", event, event["lead"], partial(approach, traffic, event)
     for change in traffic.changes:
         # to the left, and not from a ramp
         pair = _neighbours(traffic, change) if change.to > change.origin >= 0 else None
@@ -205,7 +207,8 @@ def _events_that_count(traffic: RecordedTraffic) -> Iterator[Any]:
                 "t": change.t,
                 "ghost": change.lateral_speed > GHOST_LATERAL_SPEED,
             }
-            yield "lane_change", event, pair[1], lane_change, change, *pair
+            measured = partial(lane_change, traffic, event, change, *pair)
+            yield "lane_change", event, pair[1], measured
 
 
 def _kind_of_cut_in(traffic: RecordedTraffic, event: Event, change: RecordedLaneChange) -> str:

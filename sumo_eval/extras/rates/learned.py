@@ -168,8 +168,8 @@ def measure(encounters: Encounters, survey: EncounterSurvey, source: str) -> Lea
     source: of the recordings, for the scenario's file.
     """
     quantities = {item.name: item for item in SCENES[encounters.name].quantities}
-    events_and_kilometres = encounters.events, survey.kilometres
-    rate = (encounters.events / survey.kilometres, *rate_interval(*events_and_kilometres))
+    events, kilometres = encounters.events, survey.kilometres
+    rate = (events / kilometres, *rate_interval(events, kilometres))
     columns = {name: np.array([row[name] for row in encounters.rows]) for name in quantities}
     constants = {
         name: np.median(column)
@@ -179,35 +179,31 @@ def measure(encounters: Encounters, survey: EncounterSurvey, source: str) -> Lea
     free = [name for name in quantities if name not in constants]
     # `quantities`: where no parameter is free, the report still needs a number
     needed = LEAST_EVENTS * len(free or quantities)
-    few = Learnt(encounters, rate, needed, constants)
+    learnt = Learnt(encounters, rate, needed, constants)
     # events that are all alike have no distribution
     if len(encounters.rows) < needed or not free:
-        return few
+        return learnt
 
     ranges = {name: _range(columns[name], quantities[name]) for name in free}
     content = content_of(
         PREFIX + encounters.name, encounters.name, ranges, constants, survey.lane_width, source
     )
-    content["met"] = {
-        "events": encounters.events,
-        "vehicle_km": round(survey.kilometres, 3),
-        "where": source,
-    }
+    content["met"] = {"events": events, "vehicle_km": round(kilometres, 3), "where": source}
     # the scenario's own ranges and constraints decide which events are kept
     logical = scenario_from(content, f"learnt scenario `{encounters.name}`", Path())
     rows = np.column_stack([columns[name] for name in free])
-    kept = logical.in_box(rows) & logical.feasible(rows)
-    rows = rows[kept]
+    learnt = learnt._replace(kept=logical.in_box(rows) & logical.feasible(rows))
+    rows = rows[learnt.kept]
     if len(rows) < needed or not vary_alone(rows):
-        return few._replace(kept=kept)
-    intervals = _intervals_at_once(dict(zip(free, rows.T, strict=True)), *events_and_kilometres)
-    return Learnt(encounters, rate, needed, constants, logical, content, kept, rows, *intervals)
+        return learnt
+    intervals = _intervals_at_once(dict(zip(free, rows.T, strict=True)), events, kilometres)
+    return learnt._replace(logical=logical, content=content, rows=rows, **intervals)
 
 
 def _intervals_at_once(
     columns: Mapping[str, FloatArray], events: int, kilometres: float
-) -> tuple[Any, ...]:
-    """`ends`, `correlations` and `rate_together` of `Learnt`.
+) -> dict[str, Any]:
+    """Fields of `Learnt` with their intervals: `ends`, `correlations` and `rate_together`.
 
     columns: parameter -> its values, (n,).
     events, kilometres: from which the rate was counted.
@@ -219,7 +215,8 @@ def _intervals_at_once(
         for name, column in columns.items()
     }
     correlations = {(a, b): correlation_interval(columns[a], columns[b], level) for a, b in pairs}
-    return ends, correlations, rate_interval(events, kilometres, level)
+    rate = rate_interval(events, kilometres, level)
+    return {"ends": ends, "correlations": correlations, "rate_together": rate}
 
 
 def _fitted(measured: Learnt, path: Path) -> Learnt:

@@ -77,6 +77,18 @@ class WrittenScene(NamedTuple):
     seconds: float
 
 
+class _Lanes(NamedTuple):
+    """Lanes of the scene.
+
+    right: y of the middle of the right-most lane with a vehicle, m.
+    width: of each lane, m.
+    """
+
+    right: float
+    width: float
+    number: int
+
+
 class _Track(NamedTuple):
     """Positions of a vehicle.
 
@@ -127,7 +139,7 @@ def write_scene(
             beyond,
         )
     first, last = _span_of(table[table["vehicle"] == ego], span)
-    recorded, others, (width, lanes) = _recorded_tracks(table, ego, first, last)
+    recorded, others, lanes = _recorded_tracks(table, ego, first, last)
     # the ego from the start of the scene to its end, one position each `INTERVAL`
     clock = np.arange(round((last - first) / INTERVAL) + 1.0) * INTERVAL
     x, y = (np.interp(clock, recorded.time, values) for values in (recorded.x, recorded.y))
@@ -156,7 +168,7 @@ def write_scene(
         "parameter": [{"name": "react_beyond", "unit": "m", "values": [beyond, NEVER],
             "about": "distance of the ego from the recorded one beyond which actors react"}],
         "constraint": [] if model else [never],
-        **_traffic(scene_ego, _speed(recorded, 0.0), actors, width, lanes, model or "IDM"),
+        **_traffic(scene_ego, _speed(recorded, 0.0), actors, lanes, model or "IDM"),
     }  # fmt: skip
     check_file(write_page(path, tomli_w.dumps(content), "The scene"))
     error = _error(path, scene_ego, actors)
@@ -204,8 +216,8 @@ def _span_of(own: DataFrame, span: tuple[float | None, float | None]) -> tuple[f
 
 def _recorded_tracks(
     table: DataFrame, ego: str, first: float, last: float
-) -> tuple[_Track, list[_Track], tuple[float, int]]:
-    """Track of the ego; tracks of all other vehicles; width, m, and number of lanes.
+) -> tuple[_Track, list[_Track], _Lanes]:
+    """Track of the ego, tracks of all other vehicles, and the lanes.
 
     The ego's track is whole, also before and after the scene. The other tracks are cut to the
     scene, in the order in which their vehicles first were recorded.
@@ -215,13 +227,12 @@ def _recorded_tracks(
     """
     begins = table.groupby("vehicle")["t"].min()
     scene = table[table["t"].between(first, last)]
-    lowest, road = _lanes(scene)
+    lanes = _lanes(scene)
     groups = scene[scene["vehicle"] != ego].groupby("vehicle")
     others = [
-        _track(rows, first, lowest)
-        for _, rows in sorted(groups, key=lambda group: begins[group[0]])
+        _track(rows, first, lanes) for _, rows in sorted(groups, key=lambda group: begins[group[0]])
     ]
-    return _track(table[table["vehicle"] == ego], first, lowest), others, road
+    return _track(table[table["vehicle"] == ego], first, lanes), others, lanes
 
 
 def _actors_of(tracks: list[_Track], ego: _Track) -> tuple[list[_Track], int, Counter[str]]:
@@ -255,24 +266,25 @@ def _actors_of(tracks: list[_Track], ego: _Track) -> tuple[list[_Track], int, Co
     return actors, continued, left_out
 
 
-def _lanes(rows: DataFrame) -> tuple[float, tuple[float, int]]:
-    """y of the right-most lane with a vehicle, m; width, m, and number of lanes."""
+def _lanes(rows: DataFrame) -> _Lanes:
+    """The lanes from the right-most to the left-most with a vehicle."""
     middles = np.sort(rows.groupby("lane")["y"].median().to_numpy())
     gaps = lane_gaps(middles)
     width = round(float(np.median(gaps)), 2) if len(gaps) else STANDARD_LANE
-    return middles[0], (width, round((middles[-1] - middles[0]) / width) + 1)
+    return _Lanes(middles[0], width, round((middles[-1] - middles[0]) / width) + 1)
 
 
-def _track(rows: DataFrame, first: float, lowest: float) -> _Track:
+def _track(rows: DataFrame, first: float, lanes: _Lanes) -> _Track:
     """The track of a vehicle's rows.
 
     first: start of the scene, s of the recording.
-    lowest: y of the right-most lane, m.
     """
     time, x, y = (rows[key].to_numpy() for key in ("t", "x", "y"))
     row = rows.iloc[0]
     body = BODIES.get(row["class"], "car")
-    return _Track(row["vehicle"], body, row["length"], row["width"], time - first, x, y - lowest)
+    return _Track(
+        row["vehicle"], body, row["length"], row["width"], time - first, x, y - lanes.right
+    )
 
 
 def _speed(track: _Track, time: float) -> float:
@@ -304,37 +316,36 @@ def _overlap(one: _Track, other: _Track) -> bool:
 
 
 def _traffic(
-    ego: _Track, speed: float, actors: list[_Track], width: float, lanes: int, model: str
+    ego: _Track, speed: float, actors: list[_Track], lanes: _Lanes, model: str
 ) -> dict[str, Any]:
     """Road, end, ego and vehicles of the file.
 
     speed: of the ego at the start, m/s.
-    width, lanes: width, m, and number of the lanes.
     model: as in `_vehicle`.
     """
     road = max(float(track.x.max()) for track in (ego, *actors)) + ROAD_AHEAD
     path = np.column_stack([ego.x, ego.y]).round(3).tolist()
     x, y = path[0]
     return {
-        "road": {"lanes": lanes, "lane_width": width, "length": round(road, 1)},
+        "road": {"lanes": lanes.number, "lane_width": lanes.width, "length": round(road, 1)},
         "end": {"x": round(road - ROAD_AHEAD / 2.0, 1), "time": round(float(ego.time[-1]), 1)},
         "ego": {"speed": round(speed, 3), "x": x, "y": y,
             "length": ego.length, "width": ego.width, "recorded": path},
-        "vehicle": [_vehicle(track, width, lanes, model) for track in actors],
+        "vehicle": [_vehicle(track, lanes, model) for track in actors],
     }  # fmt: skip
 
 
-def _vehicle(track: _Track, width: float, lanes: int, model: str) -> dict[str, Any]:
+def _vehicle(track: _Track, lanes: _Lanes, model: str) -> dict[str, Any]:
     """A vehicle of the file: along its path, at its speed, until SUMO takes it over.
 
-    width, lanes: width, m, and number of the lanes.
     model: by which it then reacts; without a reaction the file's constraint keeps it from that.
     """
     x, y = track.x, track.y
     driven = np.append(0.0, np.hypot(np.diff(x), np.diff(y)).cumsum())  # m since the start
     knots, speeds = fit_speeds(track.time, driven)
     within = " or ".join(
-        f"abs(y({track.name}) - {width * lane:g}) < {WITHIN_LANE}" for lane in range(lanes)
+        f"abs(y({track.name}) - {lanes.width * lane:g}) < {WITHIN_LANE}"
+        for lane in range(lanes.number)
     )
     stands = driven[-1] <= STANDS
     begin, *points = np.column_stack([x, y]).round(3)[thinned(x, y, PATH_TOLERANCE)].tolist()
