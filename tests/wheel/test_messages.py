@@ -44,7 +44,8 @@ def test_what_the_page_sends_is_understood():
     '{"pause": "never"}', '{"answers": [1]}', '{"answers": {"a": null}}', '{"answers": {"a": [1]}}',
     '{"telling": {"frames": 1}}', '{"input": [0, 0, "stick", 0, 1' + "0" * 400 + ", 0, 0]}",
     '{"input": [1' + "0" * 400 + ', 0, "stick", 0, 0, 0, '
-                                 '0]}', '{"input": [0, 1' + "0" * 400 + ', "stick", 0, 0, 0, 0]}', '{"answers": {"a": -1' + "0" * 400 + "}}",
+                                 '0]}', '{"input": [0, 1' + "0" * 400 + ', "stick", 0, 0, 0, 0]}',
+    '{"answers": {"a": -1' + "0" * 400 + "}}",
     '{"telling": {"frames": -1, "dropped": 0, "stepped": 0, "latency": [], "resolution": 1, '
     '"renderer": ""}}',
 ])  # fmt: skip

@@ -107,14 +107,17 @@ class Truth(NamedTuple):
 def truth_of(element: Node, entity: Entity, places: Places, frame: Frame) -> Truth:
     """A condition on one entity; element: child of <EntityCondition>."""
     readers = {
-        "RelativeDistanceCondition": _distance, "DistanceCondition": _distance,
-        "ReachPositionCondition": _reach, "TimeHeadwayCondition": _headway,
-        "TimeToCollisionCondition": _to_collision, "SpeedCondition": _speed,
-        "RelativeSpeedCondition": _speed,
-        "TraveledDistanceCondition": _travelled,
-    }  # fmt: skip
+        "RelativeDistanceCondition": EntityCondition.distance,
+        "DistanceCondition": EntityCondition.distance,
+        "ReachPositionCondition": EntityCondition.reach,
+        "TimeHeadwayCondition": EntityCondition.headway,
+        "TimeToCollisionCondition": EntityCondition.to_collision,
+        "SpeedCondition": EntityCondition.speed,
+        "RelativeSpeedCondition": EntityCondition.speed,
+        "TraveledDistanceCondition": EntityCondition.travelled,
+    }
     reader = element.chosen(readers, "conditions on an entity")
-    number, limit = reader(element, entity, places, frame)
+    number, limit = reader(EntityCondition(element, entity, places, frame))
     # the rule of kinds without the attribute `rule`
     default = {
         "TraveledDistanceCondition": "greaterOrEqual", "ReachPositionCondition": "lessOrEqual"
@@ -130,128 +133,192 @@ def truth_of(element: Node, entity: Entity, places: Places, frame: Frame) -> Tru
     return Truth((*low, *high, holds), (*high, *low, fails), start)
 
 
-# Each function for a kind of condition takes its element, the triggering entity, and the places and
-# the frame of the file. It returns the two numbers that the rule compares.
+class EntityCondition(NamedTuple):
+    """Reader of a condition on one entity. Each method without an underscore is for a kind of
+    condition, and returns what its rule compares.
 
+    element: child of <EntityCondition>.
+    entity: the triggering entity.
+    """
 
-def _distance(element: Node, entity: Entity, places: Places, frame: Frame) -> Compared:
-    default = None
-    if element.tag == "DistanceCondition":  # `alongRoute` is version 1.0's word for a kind
-        default = "longitudinal" if element.flag("alongRoute") else "euclidianDistance"
-    kinds = ("longitudinal", "lateral", "cartesianDistance", "euclidianDistance")
-    kind = element.one_of("relativeDistanceType", kinds, default)
-    value, other = element.number("value"), _target(element, places, frame)
-    if kind in ("longitudinal", "lateral"):
-        if entity.leaves_lane and _system(element) == "entity":
+    element: Node
+    entity: Entity
+    places: Places
+    frame: Frame
+
+    def distance(self) -> Compared:
+        """A distance to an entity or a place, m."""
+        element = self.element
+        default = None
+        if element.tag == "DistanceCondition":  # `alongRoute` is version 1.0's word for a kind
+            default = "longitudinal" if element.flag("alongRoute") else "euclidianDistance"
+        kinds = ("longitudinal", "lateral", "cartesianDistance", "euclidianDistance")
+        kind = element.one_of("relativeDistanceType", kinds, default)
+        value, other = element.number("value"), self._target()
+        if kind not in ("longitudinal", "lateral"):
+            return self._straight(other, value)
+        if self.entity.leaves_lane and self._system() == "entity":
             raise element.fault(
-                f"a {kind} distance along the axes of `{entity.name}`, which leaves its lane, is "
-                "not supported: the `coordinateSystem` lane or road is"
+                f"a {kind} distance along the axes of `{self.entity.name}`, which leaves its lane, "
+                "is not supported: the `coordinateSystem` lane or road is"
             )
-        axis = X if kind == "longitudinal" else Y
-        return _apart(element, entity, other, axis, frame), value
-    return _straight(element, entity, other, value, frame)
+        return self._apart(other, X if kind == "longitudinal" else Y), value
 
+    def reach(self) -> Compared:
+        """A distance to a place, within a tolerance."""
+        tolerance = self.element.above_zero("tolerance", " m")
+        return self._straight(self._target(), tolerance)
 
-def _reach(element: Node, entity: Entity, places: Places, frame: Frame) -> Compared:
-    tolerance = element.above_zero("tolerance", " m")
-    return _straight(element, entity, _target(element, places, frame), tolerance, frame)
+    def headway(self) -> Compared:
+        """gap - value * speed, m, and 0: it has the sign of time headway minus value, without a
+        division by 0.
+        """
+        gap = self._apart(self._target(), X)
+        return gap - constant(self.element.number("value")) * self._own_speed(), 0.0
 
+    def to_collision(self) -> Compared:
+        """gap |dx| - value dx dv, m2, and 0: it has the sign of time to collision minus value.
 
-def _headway(element: Node, entity: Entity, places: Places, frame: Frame) -> Compared:
-    """gap - value * speed, m, and 0: it has the sign of time headway minus value, without a
-    division by 0.
-    """
-    speed = _own(element, entity)
-    gap = _apart(element, entity, _target(element, places, frame), X, frame)
-    return gap - constant(element.number("value")) * speed, 0.0
+        dx: from this body to the other along the road, m. dv: its speed minus the other's, m/s.
+        The bodies close in where dx dv is above 0.
+        """
+        other, value = self._target(), constant(self.element.number("value"))
+        speed = self._along(self.entity)
+        if isinstance(other, Entity):
+            speed -= self._along(other)
+        ahead = self._ahead(other, X)
+        return self._apart(other, X) * abs(ahead) - ahead * speed * value, 0.0
 
+    def speed(self) -> Compared:
+        """A speed, m/s, or the difference of two along the road."""
+        if self.element.tag == "SpeedCondition":
+            speed = self._own_speed()
+        else:
+            speed = self._along(self.entity) - self._along(self.places.referred(self.element))
+        return speed, self.element.number("value")
 
-def _to_collision(element: Node, entity: Entity, places: Places, frame: Frame) -> Compared:
-    """gap |dx| - value dx dv, m2, and 0: it has the sign of time to collision minus value.
+    def travelled(self) -> Compared:
+        """The distance that the entity has driven, m."""
+        element, entity = self.element, self.entity
+        if entity.on_map or abs(math.sin(entity.frame.heading)) > 1e-9:
+            raise element.fault("a distance travelled across the road is not supported as a start")
+        x = of_vehicle(X, vehicle_number(entity, element), entity.frame.x)
+        return abs(x - constant(x.start)), element.number("value")
 
-    dx: from this body to the other along the road, m. dv: its speed minus the other's, m/s.
-    The bodies close in where dx dv is above 0.
-    """
-    other, value = _target(element, places, frame), constant(element.number("value"))
-    speed = _along(element, entity)
-    if isinstance(other, Entity):
-        speed -= _along(element, other)
-    ahead = _ahead(element, entity, other, X)
-    gap = _apart(element, entity, other, X, frame)
-    return gap * abs(ahead) - ahead * speed * value, 0.0
+    def _target(self) -> Entity | Pose:
+        """The target of the condition: an entity, or a fixed place in the road's frame.
 
+        A place at an entity, without a shift, counts as the entity.
+        """
+        holder = self.element.find("TimeToCollisionConditionTarget") or self.element
+        named = holder if holder.get("entityRef") is not None else holder.find("EntityRef")
+        if named:
+            return self.places.referred(named)
+        position = holder.child("Position").only_child()
+        if position.get("entityRef") is None:
+            pose = self.places.spot(holder.child("Position")).pose
+            return in_frame(pose, self.frame.origin, self.frame.line)
+        shifted = any(position.number(key, 0.0) for key in ("dx", "dy"))
+        if position.tag != "RelativeObjectPosition" or shifted:
+            raise position.fault("a place beside an entity that moves is not supported here")
+        return self.places.referred(position)
 
-def _speed(element: Node, entity: Entity, places: Places, frame: Frame) -> Compared:
-    if element.tag == "SpeedCondition":
-        speed = _own(element, entity)
-    else:
-        speed = _along(element, entity)
-        speed -= _along(element, places.referred(element))
-    return speed, element.number("value")
+    def _straight(self, other: Entity | Pose, value: float) -> Compared:
+        """The square of the distance in a straight line, m2, and the square of `value`, m2, with
+        the sign of `value`.
 
+        value: the distance that the condition states, m.
+        """
+        # From x and y of the frame. Along a curve of radius r a distance d is off by
+        # d^3 / (24 r^2); d^3 of the largest float would overflow.
+        line = self.frame.line
+        if line and abs(value) > math.cbrt(24.0 * tightest(line) ** 2 * _BENT):
+            raise self.element.fault("a distance across a curve of the road is not supported")
+        x, y = (self._apart(other, axis) for axis in (X, Y))
+        if self.element.flag("freespace"):
+            x, y = (it.joined(LARGER, constant(0.0)) for it in (x, y))
+        return x * x + y * y, value * abs(value)
 
-def _travelled(element: Node, entity: Entity, places: Places, frame: Frame) -> Compared:
-    if entity.on_map or abs(math.sin(entity.frame.heading)) > 1e-9:
-        raise element.fault("a distance travelled across the road is not supported as a start")
-    x = of_vehicle(X, vehicle_number(entity, element), entity.frame.x)
-    return abs(x - constant(x.start)), element.number("value")
+    def _apart(self, other: Entity | Pose, axis: int) -> DriveNumber:
+        """Distance of two bodies, or of their reference points, along one axis, m."""
+        apart, free = abs(self._ahead(other, axis)), self.element.flag("freespace")
+        bodies = constant(_half(self.entity, axis) + _half(other, axis))
+        if free and axis == X and isinstance(other, Entity):
+            # GAP uses the bodies' present headings. It assumes that its first body is behind: the
+            # larger of both orders has the right one.
+            a, b = (vehicle_number(it, self.element) for it in (self.entity, other))
+            gaps = (GAP, a, b, 0.0), (GAP, b, a, 0.0), operation(LARGER)
+            apart = DriveNumber(gaps, apart.start - bodies.start)
+            free = False  # GAP is between the bodies already
+        scale = self._scale() if axis == X else 1.0
+        if scale != 1.0:
+            apart *= constant(scale)
+        return apart - bodies if free else apart
 
+    def _scale(self) -> float:
+        """Metres that the condition measures for each metre along the frame's line.
 
-def _target(element: Node, places: Places, frame: Frame) -> Entity | Pose:
-    """The target of a condition: an entity, or a fixed place in the road's frame.
+        In the systems `entity` and `lane` the condition measures along the parallel of that line
+        through the entity's start, in the system `road` along the file's reference line. In a
+        curve, a metre of the line is 1 - curvature * left metres on the parallel `left` m to its
+        left. The mean curvature of the whole line counts.
+        """
+        frame, system = self.frame, self._system()
+        if not frame.line:
+            return 1.0
+        # angle from the first heading to the last, rad: mean curvature of each piece by its length
+        turned = sum(0.5 * (it.begin + it.end) * it.length for it in frame.line)
+        # m to the left of the frame's line: the file's reference line, or the entity's start
+        left = -frame.way * frame.offset if system == "road" else self.entity.frame.y
+        curvature = turned / length_of(frame.line)  # mean, 1/m
+        return 1.0 - curvature * left
 
-    A place at an entity, without a shift, counts as the entity.
-    """
-    holder = element.find("TimeToCollisionConditionTarget") or element
-    named = holder if holder.get("entityRef") is not None else holder.find("EntityRef")
-    if named:
-        return places.referred(named)
-    position = holder.child("Position").only_child()
-    if position.get("entityRef") is None:
-        pose = places.spot(holder.child("Position")).pose
-        return in_frame(pose, frame.origin, frame.line)
-    shifted = any(position.number(key, 0.0) for key in ("dx", "dy"))
-    if position.tag != "RelativeObjectPosition" or shifted:
-        raise position.fault("a place beside an entity that moves is not supported here")
-    return places.referred(position)
+    def _system(self) -> str:
+        """The coordinate system in which the condition measures."""
+        default = "lane" if self.element.flag("alongRoute") else "entity"
+        return self.element.one_of("coordinateSystem", ("entity", "lane", "road"), default)
 
+    def _ahead(self, other: Entity | Pose, axis: int) -> DriveNumber:
+        """Distance from the entity's body to another, or between their reference points, m; it is
+        above 0 where the other is ahead (X) or to the left (Y).
+        """
+        return self._coordinate(other, axis) - self._coordinate(self.entity, axis)
 
-def _straight(
-    element: Node, one: Entity, other: Entity | Pose, value: float, frame: Frame
-) -> Compared:
-    """The square of the distance in a straight line, m2, and the square of `value`, m2, with
-    the sign of `value`.
+    def _coordinate(self, body: Entity | Pose, axis: int) -> DriveNumber:
+        """x or y of a place, of a body's centre with `freespace`, or else of its reference point.
 
-    value: the distance that the condition states, m.
-    """
-    # From x and y of the frame; along a curve of radius r a distance d is off by d^3 / (24 r^2).
-    # d^3 of the largest float would overflow.
-    line = frame.line
-    if line and abs(value) > math.cbrt(24.0 * tightest(line) ** 2 * _BENT):
-        raise element.fault("a distance across a curve of the road is not supported")
-    x, y = (_apart(element, one, other, axis, frame) for axis in (X, Y))
-    if element.flag("freespace"):
-        x, y = (it.joined(LARGER, constant(0.0)) for it in (x, y))
-    return x * x + y * y, value * abs(value)
+        axis: `played.X` or `played.Y`.
+        """
+        k = axis - X  # index in a pose: 0 for x, 1 for y
+        if isinstance(body, Pose):
+            return constant(body[k])
+        centre = of_vehicle(axis, vehicle_number(body, self.element), body.frame[k])
+        # from the centre to the reference point with the heading at the start
+        shift = body.frame.moved(-body.centre, -body.offset)[k] - centre.start
+        if shift == 0.0 or self.element.flag("freespace"):
+            return centre
+        return centre + constant(shift)
 
+    def _own_speed(self) -> DriveNumber:
+        """The entity's speed in the direction in which it points, m/s."""
+        along, share = self._along(self.entity), math.cos(self.entity.frame.heading)
+        if abs(share) < _ACROSS:
+            raise self.element.fault(
+                "the speed of an entity that crosses the road is not supported"
+            )
+        return along if math.isclose(share, 1.0) else along * constant(1.0 / share)
 
-def _apart(
-    element: Node, one: Entity, other: Entity | Pose, axis: int, frame: Frame
-) -> DriveNumber:
-    """Distance of two bodies, or of their reference points, along one axis, m."""
-    apart, free = abs(_ahead(element, one, other, axis)), element.flag("freespace")
-    bodies = constant(_half(one, axis) + _half(other, axis))
-    if free and axis == X and isinstance(other, Entity):
-        # GAP uses the bodies' present headings. It assumes that its first body is behind: the
-        # larger of both orders has the right one.
-        a, b = vehicle_number(one, element), vehicle_number(other, element)
-        gaps = (GAP, a, b, 0.0), (GAP, b, a, 0.0), operation(LARGER)
-        apart = DriveNumber(gaps, apart.start - bodies.start)
-        free = False  # GAP is between the bodies already
-    scale = _scale(element, one, frame) if axis == X else 1.0
-    if scale != 1.0:
-        apart *= constant(scale)
-    return apart - bodies if free else apart
+    def _along(self, body: Entity) -> DriveNumber:
+        """The speed of a body along the road, m/s."""
+        of_speed = self.element.tag.endswith("SpeedCondition")
+        name = "direction" if of_speed else "relativeDistanceType"
+        got = self.element.text(name, "longitudinal")
+        if got != "longitudinal":
+            raise self.element.fault(
+                f"`{name}` must be longitudinal to be supported, got {shown(got)}"
+            )
+        at_start = body.speed * math.cos(body.frame.heading)
+        return of_vehicle(ALONG, vehicle_number(body, self.element), at_start)
 
 
 def _half(body: Entity | Pose, axis: int) -> float:
@@ -259,73 +326,6 @@ def _half(body: Entity | Pose, axis: int) -> float:
     if isinstance(body, Pose):
         return 0.0
     return half_sizes(body.frame.heading, body.length, body.width)[axis - X]
-
-
-def _scale(element: Node, entity: Entity, frame: Frame) -> float:
-    """Metres that a condition measures for each metre along the frame's line.
-
-    In the systems `entity` and `lane` the condition measures along the parallel of that line
-    through the entity's start, in the system `road` along the file's reference line. In a
-    curve, a metre of the line is 1 - curvature * left metres on the parallel `left` m to its
-    left. The mean curvature of the whole line counts.
-    """
-    system = _system(element)
-    if not frame.line:
-        return 1.0
-    # angle from the first heading to the last, rad: mean curvature of each piece by its length
-    turned = sum(0.5 * (it.begin + it.end) * it.length for it in frame.line)
-    # m to the left of the frame's line: the file's reference line, or the entity's start
-    left = -frame.way * frame.offset if system == "road" else entity.frame.y
-    curvature = turned / length_of(frame.line)  # mean, 1/m
-    return 1.0 - curvature * left
-
-
-def _system(element: Node) -> str:
-    """The coordinate system in which a condition measures."""
-    default = "lane" if element.flag("alongRoute") else "entity"
-    return element.one_of("coordinateSystem", ("entity", "lane", "road"), default)
-
-
-def _ahead(element: Node, one: Entity, other: Entity | Pose, axis: int) -> DriveNumber:
-    """Distance from one body to another, or between their reference points, m; it is above 0
-    where the other is ahead (X) or to the left (Y).
-    """
-    return _coordinate(other, axis, element) - _coordinate(one, axis, element)
-
-
-def _coordinate(body: Entity | Pose, axis: int, element: Node) -> DriveNumber:
-    """x or y of a place, of a body's centre with `freespace`, or else of its reference point.
-
-    axis: `played.X` or `played.Y`.
-    """
-    k = axis - X  # index in a pose: 0 for x, 1 for y
-    if isinstance(body, Pose):
-        return constant(body[k])
-    centre = of_vehicle(axis, vehicle_number(body, element), body.frame[k])
-    # from the centre to the reference point with the heading at the start
-    shift = body.frame.moved(-body.centre, -body.offset)[k] - centre.start
-    if shift == 0.0 or element.flag("freespace"):
-        return centre
-    return centre + constant(shift)
-
-
-def _own(element: Node, entity: Entity) -> DriveNumber:
-    """The speed of a body in the direction in which it points, m/s."""
-    along, share = _along(element, entity), math.cos(entity.frame.heading)
-    if abs(share) < _ACROSS:
-        raise element.fault("the speed of an entity that crosses the road is not supported")
-    return along if math.isclose(share, 1.0) else along * constant(1.0 / share)
-
-
-def _along(element: Node, body: Entity) -> DriveNumber:
-    """The speed of a body along the road, m/s."""
-    of_speed = element.tag.endswith("SpeedCondition")
-    name = "direction" if of_speed else "relativeDistanceType"
-    got = element.text(name, "longitudinal")
-    if got != "longitudinal":
-        raise element.fault(f"`{name}` must be longitudinal to be supported, got {shown(got)}")
-    at_start = body.speed * math.cos(body.frame.heading)
-    return of_vehicle(ALONG, vehicle_number(body, element), at_start)
 
 
 def vehicle_number(entity: Entity, element: Node) -> int:
