@@ -114,9 +114,9 @@ lane_y: y of the centre of the lane where the vehicle was first seen, m; of a ve
     then, its own y.
 offset, time, speed: distance to the left of `lane_y`, m, time, s, and speed along the road, m/s,
     when it was last looked at. Every vehicle in the network is, hidden or not.
-strayed_at: instant from which it is further from `lane_y` than wandering explains, s.
+strayed_at: instant from which the driver sees it further from `lane_y` than wandering explains, s.
 braking: its mean deceleration between the last two looks, m/s2; negative: it got faster.
-braked_at: instant at which `braking` exceeded the driver's threshold, s.
+braked_at: instant from which `braking` exceeds the driver's threshold, s; nan while it does not.
 evaluated_at: instant at which the driver has evaluated an event of this vehicle, s.
 necessary_at: instant at which braking for this vehicle became necessary, s. From then on until it
     is nan again, there is an event.
@@ -177,8 +177,8 @@ def _braking_necessary(
         known = watched[j]
         if not isnan(others[j].x):
             _look_at(others[j], known, p, scenario, time)
-        if not isnan(known.necessary_at) and _is_over(me, others[j], known, scenario):
-            known.braked_at = known.evaluated_at = known.necessary_at = nan
+        if _is_over(me, others[j], known, scenario):
+            known.evaluated_at = known.necessary_at = nan
     _find_cut_ins(me, others, watched, p, scenario, time)
     _find_events_in_path(own, others, watched, others_then, scenario, time)
     first = inf
@@ -208,7 +208,9 @@ def _look_at(other: Any, known: Any, p: Any, scenario: Any, time: float) -> None
         # share of the time since the last look after which it crossed `wander`
         share = max((p.wander - before) / (now - before), 0.0)
         known.strayed_at = known.time + share * (time - known.time)
-    if isnan(known.braked_at) and braking > p.lead_braking:
+    if not braking > p.lead_braking:
+        known.braked_at = nan
+    elif isnan(known.braked_at):
         known.braked_at = time - scenario.step  # not interpolated: braking may jump at any instant
     known.offset, known.time = offset, time
     known.braking, known.speed = braking, other.along
@@ -216,8 +218,8 @@ def _look_at(other: Any, known: Any, p: Any, scenario: Any, time: float) -> None
 
 @kernel
 def _is_over(me: Any, other: Any, known: Any, scenario: Any) -> bool:
-    """Whether the event of a vehicle needs no braking any more: the vehicle is passed, or it is
-    neither in the path nor on its way there, or it neither comes nearer nor brakes.
+    """Whether a vehicle needs no braking, or no more of it: it is passed, or it is neither in the
+    path nor on its way there, or it neither comes nearer nor brakes.
     """
     if not other.x > me.x:  # passed, or nan: it is not there
         return True
@@ -250,8 +252,10 @@ def _find_cut_ins(me: Any, others: Any, watched: Any, p: Any, scenario: Any, tim
             not other.x > me.x
             or not isnan(known.necessary_at)
             or not _comes_towards(me, known, scenario)
-            or not is_in_sight(me, others, j, MOST_COVERED)
         ):
+            continue
+        if not is_in_sight(me, others, j, MOST_COVERED):
+            known.strayed_at = time  # its evaluation begins once it shows
             continue
         ttc = time_to_collision(me, other)
         evaluated_at = known.strayed_at + p.evaluation
@@ -367,7 +371,7 @@ def _end_events_within(me: Any, others: Any, watched: Any, step: float) -> float
     for j in range(len(others)):
         known = watched[j]
         if not isnan(known.necessary_at) and others[j].x > me.x:
-            known.braked_at = known.evaluated_at = known.necessary_at = nan
+            known.evaluated_at = known.necessary_at = nan
     return ends
 
 

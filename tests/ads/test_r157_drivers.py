@@ -37,6 +37,8 @@ from sumo_eval.cosim import simulate
 from sumo_eval.cosim.records import MOVER
 from sumo_eval.cosim.vehicle_model import drive
 from sumo_eval.scenario import Actor, Start, brake_to_stop, constant_lateral
+from sumo_eval.scenario.concrete import Act
+from sumo_eval.scenario.played import SPEED
 from sumo_eval.settings import VehicleSettings
 
 DRIVERS = ["careful_driver", "careful_driver_aeb", "fsm", "rss", "reg157", "eu_2022_1426"]
@@ -288,6 +290,32 @@ def test_a_cut_in_far_ahead_is_left_alone_until_its_ttc_is_below_two_seconds():
     ego = simulate(case(other), "careful_driver").ego
     first = ego.time[ego.acceleration < -0.01][0]
     assert first == pytest.approx((60.0 - 20.0) / 10.0 + 0.75, abs=0.15)
+
+
+def test_a_cut_in_that_strays_while_hidden_is_evaluated_once_it_shows():
+    # it strays at 1.8 s; a fifth of it shows when the vehicle before it has slid 0.3 m aside
+    hider = actor("hider", 10.0, 20.0, 1.95, constant_lateral(2.2, 4.0, 4.0), slides=True)
+    other = actor("cut_in", 43.0, 10.0, 3.5, constant_lateral(1.4, 1.0, -0.6), slides=True)
+    ego = simulate(case(hider, other), "careful_driver").ego
+    first = ego.time[ego.acceleration < -0.01][0]
+    assert first == pytest.approx(2.2 + 0.3 / 4.0 + 0.4 + 0.75, abs=0.15)
+
+
+def test_a_lead_that_braked_hard_far_ahead_and_no_longer_brakes_is_a_slower_lead():
+    braked = Act(SPEED, 1.0, 0.0, 15.0, 0.0, 6.0, math.inf)
+    recording = simulate(case(actor("lead", 80.0, 20.0, 0.0, braked)), "careful_driver")
+    gap = recording.actors["lead"].x - recording.ego.x - 4.5
+    # 2 s of headway are 40 m; braking is needed from 9.9 m on, and begins 1.15 s later
+    assert gap[recording.ego.acceleration < -0.01][0] == pytest.approx(9.9 - 5.0 * 1.15, abs=0.6)
+
+
+def test_a_vehicle_that_left_the_path_is_evaluated_again_when_it_is_back():
+    # it brakes for 0.1 s and leaves the path meanwhile; as it slides back its TTC is above 3 s
+    moves = [Act(SPEED, 1.0, 0.0, 19.0, 0.0, 10.0, math.inf)]
+    moves += [constant_lateral(0.9, 12.0, 3.5), constant_lateral(5.0, 12.0, -3.5)]
+    recording = simulate(case(actor("lead", 38.0, 20.0, 0.0, *moves, slides=True)), "careful_driver")
+    ego = recording.ego
+    assert ego.speed[ego.time < 8.0].min() == 20.0
 
 
 def test_a_vehicle_that_stays_in_its_lane_is_not_an_event():
