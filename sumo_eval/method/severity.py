@@ -38,6 +38,7 @@ from sumo_eval.method.checks import not_negative
 from sumo_eval.method.collision_avoidance import impact_severity
 from sumo_eval.settings import CollisionSettings
 from sumo_eval.settings.locators import load_object
+from sumo_eval.text import shown
 from sumo_eval.trajectory import Collision, FloatArray, Side
 
 KMH = 3.6
@@ -220,10 +221,10 @@ def _of_function(
             with users_code(f"The severity `{name}` failed for {case}"):
                 loss = function(contact)
             number = isinstance(loss, int | float | np.integer | np.floating)
-            if isinstance(loss, bool) or not number or not 0.0 <= float(loss) <= 1.0:
+            if isinstance(loss, bool) or not number or not 0.0 <= loss <= 1.0:
                 raise InputError(
                     f"The severity `{name}` must return a finite number within 0..1, got "
-                    f"{loss!r} for {case}."
+                    f"{shown(loss)} for {case}."
                 )
             losses.append(float(loss))
         if losses[0] != losses[1]:

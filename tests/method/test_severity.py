@@ -40,6 +40,9 @@ def by_everything(contact):
 def too_large(contact):
     return 1.5
 
+def endless(contact):
+    return 10**5000
+
 def not_a_number(contact):
     return float("nan")
 
@@ -185,6 +188,7 @@ def test_an_own_function_replaces_u(folder):
     [
         *rows_of("""
 mine.py:too_large | must return a finite number within 0..1, got 1.5 for an example
+mine.py:endless | within 0..1, got .int that cannot be shown: ValueError. for an example
 mine.py:not_a_number | within 0..1, got nan for an example
 mine.py:in_words | got 'severe' for an example
 mine.py:raises | failed for an example, .*: RuntimeError: no table at this speed
