@@ -149,6 +149,20 @@ def test_drives_in_named_cases_are_taken_as_they_are(tmp_path):
         reference(CONCRETE, people, settings, LOGICAL.recorded)
 
 
+def test_names_of_files_and_scenarios_may_be_numbers(tmp_path):
+    """As numbers they were another file, and another scenario, whose drives were not found."""
+    (tmp_path / "007").write_text("t,x,y\n0,50,0\n1,75,0\n")
+    table = tmp_path / "cases.csv"
+    table.write_text("scenario,file,ego_speed,lead_speed\n2024,007,25,15\n")
+    settings = DriverSettings(source="recorded", cases=".")
+    numbered = replace(CONCRETE, scenario="2024")
+    found = reference(numbered, open_people(settings, tmp_path), settings, None)
+    assert found.names == ("007",)
+    table.write_text(table.read_text() + "2024,,25,15\n")
+    with refusal(r"`file` in row 3 of .*cases\.csv must be a name, got nothing"):
+        open_people(settings, tmp_path)
+
+
 def test_recorded_people_without_a_recording_are_refused(tmp_path):
     with refusal(r"`drivers\.recordings` or `drivers\.cases`"):
         open_people(DriverSettings(source="recorded"), tmp_path)

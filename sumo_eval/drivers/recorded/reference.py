@@ -36,6 +36,7 @@ from sumo_eval.trajectory import Trajectory
 
 # in a folder of the user's own drives: which file was driven in which concrete scenario
 NAMED_CASES = "cases.csv"
+_NAMES = "scenario", "file"  # its columns of text
 _LEAST_SPACING = 1.0  # m between the lanes 0 and 1; less is no lane
 _STANDS = 0.1  # m/s; a vehicle slower than this stands
 _SAME_TIME = 1e-6  # s; a smaller difference of two times is rounding
@@ -88,7 +89,8 @@ def open_people(settings: DriverSettings, source: Path) -> People:
     if not settings.cases:
         return people
     folder = source / settings.cases
-    named = read_table(folder / NAMED_CASES, ("scenario", "file"))
+    # as text: a file called 007 is not 7
+    named = read_table(folder / NAMED_CASES, _NAMES, dtype=dict.fromkeys(_NAMES, str))
     return people._replace(named=named, folder=folder)
 
 
@@ -114,11 +116,11 @@ def notes_of(people: People, parameters: Mapping[str, Sequence[str]]) -> tuple[s
     if people.named is not None:
         named = people.named
         path = people.folder / NAMED_CASES
-        known = ["scenario", "file", *itertools.chain(*parameters.values())]
+        known = [*_NAMES, *itertools.chain(*parameters.values())]
         notes += unread("Column", named, known, path)
         notes += unread("Scenario", named["scenario"].unique(), [*parameters], path)
         for file in named["file"][named["scenario"].isin(parameters)].unique():
-            path = people.folder / str(file)
+            path = people.folder / file
             table = _table_of(path, changed_at(path))
             notes += unread("Column", table, (*_PLACES, *_KNOWN, "driver"), path)
     return tuple(notes)
@@ -270,7 +272,7 @@ def _named_drives(concrete: ConcreteScenario, people: People) -> Reference | Non
     named = [
         drive
         for file in matching["file"]
-        for drive in _drives_in(people.folder / str(file), concrete.road.line)
+        for drive in _drives_in(people.folder / file, concrete.road.line)
     ]
     names, drives = zip(*named, strict=True)
     return Reference(drives, names)
