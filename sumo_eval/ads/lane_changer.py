@@ -4,14 +4,13 @@ else follows.
 It decides once a cycle, but a lane change or a jump of the wanted acceleration may come at any
 instant of the cycle. So the rule evaluates its decision (`overtaking.overtake`) at several instants
 of the coming cycle: each try works on copies (`tried`, `then`, `others_then`), and one of them
-becomes `decided`. The kernels pass one tuple `scene`: (me, own, watched, others_then, way,
-scenario), see `wanted_at`.
+becomes `decided`.
 """
 
 import math
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import Any, ClassVar
+from typing import Any, ClassVar, NamedTuple
 
 from sumo_eval.ads.braking import JUMP, first_instant
 from sumo_eval.ads.car_following import PARAMETERS, IdmParameters, free_acceleration
@@ -26,6 +25,24 @@ from sumo_eval.kernels import fields, flags, kernel
 
 # it overtakes when not in danger, too (`inclined`); times in s
 SMOOTH = OvertakingHabits(inclined=True, onset_headway=2.5, onset_ttc=10.0, duration=8.0)
+
+
+class Scene(NamedTuple):
+    """Records that a decision reads and writes.
+
+    me: the ego. own: `LaneChanger.memory`.
+    watched: `LaneChanger.watched`, of each actor.
+    others_then: scratch records for the foreseen actors.
+    way: the requested lane change.
+    scenario: the `SCENARIO` record whose step is a cycle.
+    """
+
+    me: Any
+    own: Any
+    watched: Any
+    others_then: Any
+    way: Any
+    scenario: Any
 
 
 @kernel
@@ -52,16 +69,13 @@ def wanted_at(scene: Any, after: float) -> float:
     """Acceleration wanted `after` s from now, if all continue as now, m/s2; writes the decision at
     that instant into `own.tried`.
 
-    scene: (me, own, watched, others_then, way, scenario): the ego; the rule's memory; its memory of
-        each actor; scratch records for the foreseen actors; the requested lane change; the
-        `SCENARIO` record whose step is a cycle.
+    scene: a `Scene`, here and below.
     """
-    me, own, watched = scene[:3]
-    others_then, way, scenario = scene[3:]
-    _foresee_ego(own.then, me, own.pedals.level, after)
+    own, watched, others_then = scene.own, scene.watched, scene.others_then
+    _foresee_ego(own.then, scene.me, own.pedals.level, after)
     for j in range(len(others_then)):
         known = watched[j]
-        foresee(others_then[j], known.sighting, after, scenario.step)
+        foresee(others_then[j], known.sighting, after, scene.scenario.step)
         # each try starts from the headways that were decided, and expects no actor to brake
         others_then[j].braking = 0.0
         known.accepted = known.kept
@@ -70,7 +84,7 @@ def wanted_at(scene: Any, after: float) -> float:
     tried = own.tried
     tried.desired_speed = own.desired_speed
     tried.free = free_acceleration(own.then.speed, own.desired_speed, own.p.idm)
-    return overtake(tried, own.then, others_then, watched, own.p, way, scenario)
+    return overtake(tried, own.then, others_then, watched, own.p, scene.way, scene.scenario)
 
 
 @kernel
@@ -89,8 +103,7 @@ def _remove_hidden(me: Any, others: Any, watched: Any) -> None:
 def _changes_at(scene: Any, after: float) -> float:
     """1 if the ego would be changing lane `after` s from now, else 0."""
     wanted_at(scene, after)
-    own = scene[1]
-    return float(own.tried.changing)
+    return float(scene.own.tried.changing)
 
 
 @kernel
@@ -101,10 +114,9 @@ def _decide_at(scene: Any, after: float) -> float:
     Call once a cycle.
     """
     wanted = wanted_at(scene, after)
-    own, watched = scene[1], scene[2]
-    _copy_decision(own.decided, own.tried)
-    for j in range(len(watched)):
-        watched[j].kept = watched[j].accepted
+    _copy_decision(scene.own.decided, scene.own.tried)
+    for j in range(len(scene.watched)):
+        scene.watched[j].kept = scene.watched[j].accepted
     return wanted
 
 
@@ -113,7 +125,7 @@ def _split_at(scene: Any, step: float) -> float:
     """Instant within the coming cycle, 0..`step` s, at which the lane change begins, or the wanted
     acceleration jumps; `step`: neither.
     """
-    own = scene[1]
+    own = scene.own
     # the order matters: `wanted_at` also writes `own.tried`, which is read after it
     now, changes_now = wanted_at(scene, 0.0), own.tried.changing
     end, changes = wanted_at(scene, step), own.tried.changing
@@ -133,8 +145,7 @@ def _decide(scene: Any) -> float:
     The cycle is split at the instant at which the lane change begins, or the wanted acceleration
     jumps. In each part, the acceleration that is wanted in its middle counts.
     """
-    me, own, scenario = scene[0], scene[1], scene[5]
-    step, vehicle = scenario.step, scenario.vehicle
+    own, step, vehicle = scene.own, scene.scenario.step, scene.scenario.vehicle
     split = _split_at(scene, step)
     gained, rest = 0.0, step  # speed gained so far, m/s; rest of the cycle, s
     if split >= step:
@@ -146,7 +157,7 @@ def _decide(scene: Any) -> float:
         _decide_at(scene, split)  # this decision holds for the rest of the cycle
         wanted = wanted_at(scene, 0.5 * (split + step))
     gained += gained_towards(own.pedals, max(wanted, -vehicle.max_deceleration), rest, vehicle)
-    return pedal_command(own.pedals, me.speed, gained, vehicle, step)
+    return pedal_command(own.pedals, scene.me.speed, gained, vehicle, step)
 
 
 @kernel
@@ -167,7 +178,7 @@ def lane_changer(
     if decides(own, scenario):
         for j in range(len(others)):
             sight(watched[j].sighting, others[j], scenario[1].step)
-        own.commanded = _decide((me, own, watched, others_then, ego.way, scenario[1]))
+        own.commanded = _decide(Scene(me, own, watched, others_then, ego.way, scenario[1]))
     y, slope, bend = path_at(own.decided.path, rear_axle_next(me, scenario[0]))
     ego.command.acceleration = own.commanded
     ego.command.steering = steering(own.decided, me, y, slope, bend, scenario[0])
