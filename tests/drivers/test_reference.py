@@ -134,6 +134,9 @@ def test_drives_in_named_cases_are_taken_as_they_are(tmp_path):
         == ()
     )
     whole = (folder / "ben.csv").read_text()
+    (folder / "ben.csv").write_text("t,x,y\n0,50,0\n0,51,0\n1,75,0\n")
+    with refusal("ben.csv: `time` of a Trajectory must be finite and strictly increasing"):
+        reference(CONCRETE, people, settings, LOGICAL.recorded)
     (folder / "ben.csv").write_text("".join(whole.splitlines(keepends=True)[:2]))
     with refusal("ben.csv: a drive must have at least two samples"):
         reference(CONCRETE, people, settings, LOGICAL.recorded)

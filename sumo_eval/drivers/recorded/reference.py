@@ -299,10 +299,11 @@ def _drives_in(path: Path, line: Line) -> Iterator[tuple[str, Trajectory]]:
         try:
             if len(rows) < 2:
                 raise InputError("a drive must have at least two samples, got one.")
+            drive = _trajectory(rows)  # refuses times that do not grow; `check_motion` needs that
             check_motion(rows.assign(recording=path.name, vehicle=driver))
             if line and "speed" not in rows:
                 on_map = Trajectory(rows["t"], *map_places(line, rows["x"], rows["y"])[:2])
-                rows = rows.assign(speed=on_map.speed)
-            yield driver, _trajectory(rows)
+                drive = _trajectory(rows.assign(speed=on_map.speed))
+            yield driver, drive
         except InputError as error:
             raise InputError(f"Driver `{driver}` in {path}: {error}") from error
