@@ -282,10 +282,12 @@ def _find_events_in_path(
     while j >= 0:
         known = watched[j]
         in_path = lateral_overlap(me, others[j]) > 0.0
-        if in_path and isnan(known.necessary_at) and not _comes_towards(me, known, scenario):
+        if in_path and isnan(known.necessary_at):
+            # of a vehicle that cuts in only braking counts here: `_find_cut_ins` asks for its TTC
+            cuts_in = _comes_towards(me, known, scenario)
             if isnan(known.evaluated_at):
-                perceived_at = _revealed(own, others, watched, j, leaves, time)
-                if isnan(perceived_at):
+                perceived_at = _revealed(own, others, watched, j, -1 if cuts_in else leaves, time)
+                if isnan(perceived_at) and not cuts_in:
                     perceived_at = _approached(
                         own, others[j], known, others_then[j], scenario.step, time
                     )

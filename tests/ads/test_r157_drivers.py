@@ -309,6 +309,14 @@ def test_a_lead_that_braked_hard_far_ahead_and_no_longer_brakes_is_a_slower_lead
     assert gap[recording.ego.acceleration < -0.01][0] == pytest.approx(9.9 - 5.0 * 1.15, abs=0.6)
 
 
+@pytest.mark.parametrize("lane", [0.0, 3.5])
+def test_a_lead_that_cut_in_long_before_it_brakes_is_a_braking_lead(lane):
+    moves = [constant_lateral(1.0, 1.0, -lane)] if lane else []
+    lead = actor("lead", 54.0, 30.0, lane, *moves, Act(SPEED, 10.0, 0.0, 0.0, 0.0, 6.0, math.inf))
+    ego = clear_drive(case(lead, speed=30.0), "careful_driver").ego
+    assert ego.time[ego.acceleration < -0.01][0] == pytest.approx(10.0 + 0.4 + 0.75, abs=0.15)
+
+
 def test_a_vehicle_that_left_the_path_is_evaluated_again_when_it_is_back():
     # it brakes for 0.1 s and leaves the path meanwhile; as it slides back its TTC is above 3 s
     moves = [Act(SPEED, 1.0, 0.0, 19.0, 0.0, 10.0, math.inf)]
