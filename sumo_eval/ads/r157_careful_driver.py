@@ -204,7 +204,9 @@ def _look_at(other: Any, known: Any, p: Any, scenario: Any, time: float) -> None
     offset = other.y - known.lane_y
     now, before = abs(offset), abs(known.offset)
     # `now > before` is false if the vehicle is first seen: `before` is nan then
-    if isnan(known.strayed_at) and now > p.wander and now > before:
+    if now <= p.wander:
+        known.strayed_at = nan  # it is back, or has not left its lane
+    elif isnan(known.strayed_at) and now > before:
         # share of the time since the last look after which it crossed `wander`
         share = max((p.wander - before) / (now - before), 0.0)
         known.strayed_at = known.time + share * (time - known.time)

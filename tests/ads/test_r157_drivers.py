@@ -309,6 +309,18 @@ def test_a_lead_that_braked_hard_far_ahead_and_no_longer_brakes_is_a_slower_lead
     assert gap[recording.ego.acceleration < -0.01][0] == pytest.approx(9.9 - 5.0 * 1.15, abs=0.6)
 
 
+def test_a_vehicle_that_is_back_in_its_lane_is_not_an_event():
+    strays = constant_lateral(0.5, 1.0, -0.5), constant_lateral(1.5, 1.0, 0.45)
+    beside = simulate(case(actor("beside", 60.0, 10.0, 3.5, *strays)), "careful_driver").ego
+    assert beside.speed.min() == 20.0
+    # a lead that strays hides what is beyond it once it is back
+    strays = constant_lateral(0.5, 1.0, 0.5), constant_lateral(1.5, 1.0, -0.5)
+    brakes = Act(SPEED, 10.0, 0.0, 15.0, 0.0, 1.0, math.inf)
+    far = actor("far", 250.0, 20.0, 0.0, brakes)
+    ego = simulate(case(actor("lead", 35.0, 20.0, 0.0, *strays), far), "careful_driver").ego
+    assert ego.speed[ego.time < 25.0].min() == 20.0
+
+
 @pytest.mark.parametrize("lane", [0.0, 3.5])
 def test_a_lead_that_cut_in_long_before_it_brakes_is_a_braking_lead(lane):
     moves = [constant_lateral(1.0, 1.0, -lane)] if lane else []
@@ -321,7 +333,9 @@ def test_a_vehicle_that_left_the_path_is_evaluated_again_when_it_is_back():
     # it brakes for 0.1 s and leaves the path meanwhile; as it slides back its TTC is above 3 s
     moves = [Act(SPEED, 1.0, 0.0, 19.0, 0.0, 10.0, math.inf)]
     moves += [constant_lateral(0.9, 12.0, 3.5), constant_lateral(5.0, 12.0, -3.5)]
-    recording = simulate(case(actor("lead", 38.0, 20.0, 0.0, *moves, slides=True)), "careful_driver")
+    recording = simulate(
+        case(actor("lead", 38.0, 20.0, 0.0, *moves, slides=True)), "careful_driver"
+    )
     ego = recording.ego
     assert ego.speed[ego.time < 8.0].min() == 20.0
 
