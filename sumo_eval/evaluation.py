@@ -7,7 +7,8 @@ index from the stored facts alone, without a simulation, as often as wanted and 
 if wanted. Functions import the modules that simulate or compute where they need them: these imports
 take a second, and scores that a run has kept are read without them.
 
-Users: `cli/`, `nightly/`, `report/assessed.py`, `extras/figures/`, `extras/studies/sensitivity.py`.
+Users: `__init__.py`, `cli/`, `nightly/`, `report/assessed.py`, `extras/figures/`,
+`extras/studies/sensitivity.py`.
 """
 
 from __future__ import annotations

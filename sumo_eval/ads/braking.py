@@ -248,11 +248,12 @@ def follow_demand(
         return path_command(
             path, path_towards(path, 0.0, step, jerk, vehicle), True, brakes, vehicle, step
         )
+    # whether braking is demanded when the wait is over, and at the end of the step
     before, after = demand(scene, wait) > 0.0, demand(scene, step) > 0.0
     change = step if before == after else first_instant(demand, scene, 0.0, wait, step)
     lost = 0.0
-    # parts of the step: (begin, end, whether the rule brakes): the rest of the response time, up to
-    # a change of demand, after it
+    # parts of the step as (begin, end, whether the rule brakes then): the rest of the response
+    # time, the time up to a change of demand, the time after it
     for begin, end, brakes_then in (
         (0.0, wait, False),
         (wait, change, before),

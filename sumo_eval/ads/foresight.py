@@ -86,7 +86,7 @@ def foresee(concrete: ConcreteScenario, settings: SimulationSettings) -> tuple[F
         ahead = actor.start.x > ego.x
         # a slower actor in the ego's path is a hazard from the start, and so is an actor whose
         # motion never changes
-        at_once = isinf(first_move) or _is_caught_up(ego, actor, vehicle)
+        at_once = isinf(first_move) or (ahead and _is_slower_in_lane(ego, actor, vehicle))
         changes = 0.0 if at_once else first_move
         others = [other.shape for other in foreseen if other is not track]
         noticed = first_sight(ego, settings, track.shape, others, changes, until)
@@ -99,14 +99,13 @@ def foresee(concrete: ConcreteScenario, settings: SimulationSettings) -> tuple[F
     return tuple(foresights)
 
 
-def _is_caught_up(ego: Start, actor: Actor, vehicle: VehicleSettings) -> bool:
-    """Whether an actor starts ahead, slower than the ego, with its body in a lane that the ego
-    drives in.
+def _is_slower_in_lane(ego: Start, actor: Actor, vehicle: VehicleSettings) -> bool:
+    """Whether an actor starts slower than the ego, with its body in a lane that the ego drives
+    in.
     """
     lanes = [ego.y] if ego.way is None else [ego.y, ego.y + ego.way.offset]
     in_a_lane = 2.0 * min(abs(actor.start.y - y) for y in lanes) < actor.width + vehicle.width
-    slower = actor.start.speed * cos(actor.heading) < ego.speed
-    return actor.start.x > ego.x and slower and in_a_lane
+    return in_a_lane and actor.start.speed * cos(actor.heading) < ego.speed
 
 
 def evasion(
@@ -137,7 +136,7 @@ def evasion(
     speed, grip = ego.speed, vehicle.friction * GRAVITY
     deceleration = min(deceleration, grip)
     lane = lane_at(road, ego.y)
-    # its length, a divisor, must be above 0
+    # along its lane; the length, 1 m, is a divisor
     straight = road.lane_width * lane, 0.0, 0.0, 1.0
     # actor -> time of its first sight, s
     suddenly_seen = {
@@ -147,7 +146,7 @@ def evasion(
     }  # fmt: skip
     if not settings.ideal_steers or concrete.lively or lane + 1 == road.lanes or not suddenly_seen:
         return straight
-    begin = min(suddenly_seen.values())
+    begin = min(suddenly_seen.values())  # of braking or of the lane change, s
     # x of the ego then, m, and s until its brakes are at the full deceleration
     begin_x, build_up = ego.x + speed * begin, deceleration / vehicle.brake_jerk
     brakes_in_time = all(

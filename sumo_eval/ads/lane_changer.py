@@ -5,6 +5,8 @@ It decides once a cycle, but a lane change or a jump of the wanted acceleration 
 instant of the cycle. So the rule evaluates its decision (`overtaking.overtake`) at several instants
 of the coming cycle: each try works on copies (`tried`, `then`, `others_then`), and one of them
 becomes `decided`.
+
+Users: `cosim/doors/controller.py`, by name.
 """
 
 import math

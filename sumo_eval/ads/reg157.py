@@ -5,7 +5,7 @@ lane, is above v_rel / (2 * 6 m/s2) + 0.35 s: so the system may respond after 0.
 m/s2. This ADS does just that, and begins no earlier than it must. docs/baselines.md lists the
 readings.
 
-Users: `ads/eu_2022_1426.py`.
+Users: `ads/eu_2022_1426.py`; `cosim/doors/controller.py`, by name.
 """
 
 import math

@@ -4,12 +4,12 @@ over boxes.
 A sample of a trajectory has the field s = exp(k2 v cos theta) / max(r, 1)^k1 at distance r
 (`trajectory_field.py`). Boxes, nodes and levels are explained in `shared_fields.py`.
 
-Importing this file imports numba, which takes time: `trajectory_field` and `shared_fields` do it at
-first use. The compiler may contract a * b + c, which rounds once instead of twice. It may reorder
-no sum, so each run gives the same bits on the same machine.
+The compiler may contract a * b + c, which rounds once instead of twice. It may reorder no sum, so
+each run gives the same bits on the same machine.
 
-Fixed: the order of all sums. After a change run `python -m sumo_eval.record.loops`, which compiles
-the loops.
+Users: `method/shared_fields.py`, `method/trajectory_field.py`; both import this file at first use,
+because it imports numba, which takes time. Fixed: the order of all sums. After a change run
+`python -m sumo_eval.record.loops`, which compiles the loops.
 """
 
 from collections.abc import Callable

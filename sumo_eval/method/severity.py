@@ -131,6 +131,8 @@ setting `method.collision.age` allows more.
 These ages and `fastest` are bounds of this project, because the source's abstract states none.
 """
 _INJURY = "injury:"
+CHOICES = ("severity", "eq14", *(_INJURY + name for name in INJURY_CURVES))
+"""The severities that ship."""
 
 
 def injury_risk(who: str, closing_speed: ArrayLike, age: float | None = None) -> FloatArray:
@@ -171,6 +173,13 @@ class Severity(NamedTuple):
     of: Callable[[Collision, str], float]
     beyond: Callable[[Collision], str] = lambda hit: ""
     sha256: str = ""
+
+
+EXAMPLE = Collision(
+    0.0, "example", (20.0, 0.0), (0.0, 0.0), 1.0, "front", (0.0, 0.0, 0.0), (4.5, 0.0, 0.0)
+)
+"""Contact at t = 0 of an ego at 20 m/s with a standing car, at the full width of the bumper. The
+poses are x, y, heading."""
 
 
 def severity_of(settings: CollisionSettings, folder: Path | None = None) -> Severity:
@@ -235,15 +244,6 @@ def _of_function(
         return losses[0]
 
     return Severity(name, "loss", loss_of, sha256=_hash_of(function))
-
-
-CHOICES = ("severity", "eq14", *(_INJURY + name for name in INJURY_CURVES))
-"""The severities that ship."""
-EXAMPLE = Collision(
-    0.0, "example", (20.0, 0.0), (0.0, 0.0), 1.0, "front", (0.0, 0.0, 0.0), (4.5, 0.0, 0.0)
-)
-"""Contact at t = 0 of an ego at 20 m/s with a standing car, at the full width of the bumper. The
-poses are x, y, heading."""
 
 
 def _hash_of(function: object) -> str:

@@ -90,9 +90,9 @@ def _canonical(path: Path, table: pd.DataFrame, notes: list[str]) -> Recordings:
     first.
     """
     try:
-        if "lane" in table:
-            return canonical(table, notes)
-        straight, more_notes = straighten(table)
-        return canonical(straight, (*notes, *more_notes))
+        if "lane" not in table:
+            table, more_notes = straighten(table)
+            notes += more_notes
+        return canonical(table, notes)
     except InputError as error:
         raise InputError(" ".join((f"{path}: {error}", *notes))) from None

@@ -113,12 +113,12 @@ def notes_of(people: People, parameters: Mapping[str, Sequence[str]]) -> tuple[s
     parameters: of each scenario of the evaluation, by its name.
     """
     notes = [*people.recordings.notes] if people.recordings else []
-    if people.named is not None:
-        named = people.named
-        path = people.folder / NAMED_CASES
+    named = people.named
+    if named is not None:
+        cases = people.folder / NAMED_CASES
         known = [*_NAMES, *itertools.chain(*parameters.values())]
-        notes += unread("Column", named, known, path)
-        notes += unread("Scenario", named["scenario"].unique(), [*parameters], path)
+        notes += unread("Column", named, known, cases)
+        notes += unread("Scenario", named["scenario"].unique(), [*parameters], cases)
         for file in named["file"][named["scenario"].isin(parameters)].unique():
             path = people.folder / file
             table = _table_of(path, changed_at(path))

@@ -33,10 +33,13 @@ def read(path: Path) -> Samples:
     stem = path.name.removesuffix("_tracks.csv")
     names = "tracksMeta", "recordingMeta"
     meta_path, about_path = (path.with_name(f"{stem}_{name}.csv") for name in names)
-    known = meta["drivingDirection"].isin((_UPPER, 2)).all()
-    require(known, meta_path, "must have a `drivingDirection` of 1 or 2 in each row")
-    kinds = meta.set_index("id")
-    direction = tracks["id"].map(kinds["drivingDirection"])
+    require(
+        meta["drivingDirection"].isin((_UPPER, 2)).all(),
+        meta_path,
+        "must have a `drivingDirection` of 1 or 2 in each row",
+    )
+    vehicles = meta.set_index("id")
+    direction = tracks["id"].map(vehicles["drivingDirection"])
     parts = []
     # x along the road is x of the image times `forward`; y to the left is y of the image, which
     # points down, times the opposite
@@ -62,7 +65,7 @@ def read(path: Path) -> Samples:
                     "acceleration": (vx * ax + vy * ay) / np.maximum(speed, 0.1),
                     "length": rows["width"],
                     "width": rows["height"],
-                    "class": rows["id"].map(kinds["class"]).astype(str),
+                    "class": rows["id"].map(vehicles["class"]).astype(str),
                     "lane": np.clip(np.searchsorted(edges, y) - 1, 0, len(edges) - 2),
                 }
             )

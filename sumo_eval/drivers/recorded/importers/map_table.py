@@ -48,4 +48,4 @@ def read(path: Path) -> Samples:
     notes += more_notes
     if missing := add_motion(rows, ("heading", "speed"), str(path)):
         notes.append(f"{path.name} has no {' and no '.join(missing)}: from the motion.")
-    return rows[[name for name in COLUMNS if name in rows]], notes
+    return rows.filter(COLUMNS), notes
