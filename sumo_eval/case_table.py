@@ -38,6 +38,7 @@ _PLACES = {name: index for index, name in enumerate(_TYPES)}
 
 The column of `values` holds the names of the parameters.
 """
+_PARAMETER = ""  # stands for the name of a field where a column is a parameter's
 COLUMNS = len(_PLACES) + 100
 """Most columns of a row: all fields, and room for 100 parameters."""
 NUMBERS = tuple(name for name, kind in _TYPES.items() if kind.startswith((*REAL, "bool", "int")))
@@ -67,15 +68,15 @@ def encode_rows(rows: Sequence[CaseResult]) -> list[bytes]:
         _encoded(name, [getattr(row, name) for row in rows]) for name in _TYPES if name != "values"
     ]
     columns.insert(_PLACES["values"], encoded(names))
-    return columns + [_encoded("", [row.values[name] for row in rows]) for name in names]
+    return columns + [_encoded(_PARAMETER, [row.values[name] for row in rows]) for name in names]
 
 
 def _is_real(name: str) -> bool:
     """Whether a column holds real numbers.
 
-    name: of the field; "", here and below, for a parameter.
+    name: of the field, or `_PARAMETER`, here and below.
     """
-    return not name or _TYPES[name].startswith(REAL)
+    return name == _PARAMETER or _TYPES[name].startswith(REAL)
 
 
 def _encoded(name: str, values: Sequence[Any]) -> bytes:
@@ -157,7 +158,7 @@ def records_of(chunk: Chunk) -> list[CaseResult]:
 def _points(data: Sequence[bytes], rows: int) -> list[dict[str, float]]:
     """The points of rows, from all their columns."""
     names = json.loads(data[_PLACES["values"]])
-    parameters = [_plain("", column, rows) for column in data[len(_PLACES) :]]
+    parameters = [_plain(_PARAMETER, column, rows) for column in data[len(_PLACES) :]]
     if not parameters:  # a scenario without any
         return [{} for _ in range(rows)]
     return [dict(zip(names, point, strict=True)) for point in zip(*parameters, strict=True)]
@@ -208,7 +209,7 @@ class CaseTable(CaseProperties):
             stored = json.loads(chunk.columns(slice(_PLACES["values"], _PLACES["values"] + 1))[0])
             for axis, name in enumerate(names):
                 index = len(_PLACES) + stored.index(name)
-                points[first : first + chunk.rows, axis] = _array_of(chunk, "", index)
+                points[first : first + chunk.rows, axis] = _array_of(chunk, _PARAMETER, index)
         return points if self.rows is None else points[self.rows]
 
     def __getattr__(self, name: str) -> Column:

@@ -229,8 +229,8 @@ def _of_function(
         for _ in range(2):
             with users_code(f"The severity `{name}` failed for {case}"):
                 loss = function(contact)
-            number = isinstance(loss, int | float | np.integer | np.floating)
-            if isinstance(loss, bool) or not number or not 0.0 <= loss <= 1.0:
+            is_number = isinstance(loss, int | float | np.integer | np.floating)
+            if isinstance(loss, bool) or not is_number or not 0.0 <= loss <= 1.0:
                 raise InputError(
                     f"The severity `{name}` must return a finite number within 0..1, got "
                     f"{shown(loss)} for {case}."

@@ -204,11 +204,13 @@ def _held_out(folds: Sequence[tuple[FloatArray, FloatArray]], fit: Any) -> float
 
 
 def _kde(train: FloatArray, factor: float) -> Any:
+    """Log density of a KDE over events, a function of points; `factor` as in `RecordedExposure`."""
     kernel = _stats().gaussian_kde(train.T, bw_method=factor)
     return lambda points: kernel.logpdf(points.T)
 
 
 def _gaussian(train: FloatArray) -> Any:
+    """Log density of one Gaussian over all events, a function of points."""
     normal = _stats().multivariate_normal(train.mean(axis=0), np.cov(train.T))
     return lambda points: np.atleast_1d(normal.logpdf(points))
 
@@ -216,6 +218,7 @@ def _gaussian(train: FloatArray) -> Any:
 def _declared(
     logical: LogicalScenario, declared: Mapping[str, DeclaredDistribution]
 ) -> RunExposure:
+    """The exposure of declared distributions, by name of parameter."""
     if not declared:
         raise InputError(
             f"The declared exposure of scenario `{logical.name}` must name at least one parameter."

@@ -41,7 +41,7 @@ from sumo_eval.trajectory import BoolArray, FloatArray, Recording
 
 # with the step of the public simulators of UN R157
 SETTINGS = SimulationSettings(step=0.1, end_when_decided=True)
-POINTS, FEW_POINTS = 2000, 100  # from which zones are learnt, and with `--small`
+POINTS, FEW_POINTS = 2000, 100  # from which zones are learnt, and in a small benchmark
 SMALL = 100  # cases, below which a benchmark is small
 DRIVERS = 10  # of a point
 
