@@ -33,7 +33,7 @@ from sumo_eval.cosim.stage import Stage
 from sumo_eval.cosim.sumo.sumo_files import EGO, gripped, vehicle_edges
 from sumo_eval.cosim.world import World
 from sumo_eval.errors import ControllerError, SimulationError
-from sumo_eval.scenario.road.reference_line import curvatures, frame_places
+from sumo_eval.scenario.road.reference_line import curvatures, end_curvatures, frame_places
 from sumo_eval.scenario.touch import Body
 
 _SIDEWAYS_SPEED = 3.0  # m/s across, the fastest lane change that counts as driving
@@ -76,7 +76,7 @@ class EgoMotion:
         self.road = world.cases[case].road
         self._bent = self.road.bent
         # 1/m, at both ends of the pieces of the road's line, and 0
-        self._curvatures = {0.0, *(bend for it in self.road.line for bend in (it.begin, it.end))}
+        self._curvatures = {0.0, *end_curvatures(self.road.line)}
         self.curvature = 0.0
         # the last step that was read here, and its motion's direction, relative to the road, rad
         self._course = 0, 0.0

@@ -116,9 +116,14 @@ def arc(length: float, radius: float) -> Piece:
     return Piece(length, 1.0 / radius, 1.0 / radius)
 
 
+def end_curvatures(pieces: Sequence[Piece]) -> list[float]:
+    """Curvature at both ends of every piece, 1/m: a piece is curved most at one of its ends."""
+    return [end for piece in pieces for end in (piece.begin, piece.end)]
+
+
 def tightest(pieces: Sequence[Piece]) -> float:
     """The smallest radius on a line, m, inf on a straight one."""
-    most = max((max(abs(piece.begin), abs(piece.end)) for piece in pieces), default=0.0)
+    most = max(map(abs, end_curvatures(pieces)), default=0.0)
     return 1.0 / most if most > 0.0 else math.inf
 
 
@@ -129,7 +134,7 @@ def length_of(pieces: Sequence[Piece]) -> float:
 
 def bends(pieces: Sequence[Piece]) -> bool:
     """Whether a line has a curve."""
-    return any(piece.begin or piece.end for piece in pieces)
+    return any(end_curvatures(pieces))
 
 
 @functools.lru_cache(maxsize=256)

@@ -16,6 +16,7 @@ from sumo_eval.scenario.road.reference_line import (
     Line,
     Piece,
     bends,
+    end_curvatures,
     length_of,
     piece_of_file,
     tightest,
@@ -81,7 +82,7 @@ def line_of(
 
 
 def _curvature(radius: str | float | None, options: Mapping[str, float], owner: str) -> float:
-    """Curvature, 1/m, of a radius as in the file; None: straight."""
+    """Curvature of a radius as in the file, 1/m; None: straight."""
     if radius is None:
         return 0.0
     formula = checked_names(number(radius, f"the radius of {owner}"), options, owner)
@@ -107,8 +108,7 @@ def check_line(
     # largest angle of the front wheels, rad, and the ego's smallest radius, m
     wheel = math.radians(vehicle.max_steering_wheel_angle_deg) / vehicle.steering_ratio
     smallest = vehicle.wheelbase / math.tan(wheel) if wheel < 0.5 * math.pi else 0.0
-    # a piece is curved most at one of its ends
-    for curvature in (end for piece in pieces for end in (piece.begin, piece.end) if end):
+    for curvature in filter(None, end_curvatures(pieces)):
         radius = abs(1.0 / curvature)
         # lanes lie left of the line, so in a left curve the leftmost is the innermost
         inner = radius - lane_width * (lanes - 1) if curvature > 0.0 else radius
@@ -129,6 +129,6 @@ def bend_name(line: Sequence[Piece], *, named: bool) -> str:
     if not line:
         return ""
     # curvature, 1/m, positive to the left
-    sharpest = max((value for piece in line for value in (piece.begin, piece.end)), key=abs)
+    sharpest = max(end_curvatures(line), key=abs)
     words = f"_{'left' if sharpest > 0.0 else 'right'}_{tightest(line):g}m"
     return words if named else f"{words}_{sha256(repr(tuple(line)))[:6]}"
