@@ -26,18 +26,20 @@ from sumo_eval.settings.checked import (
 )
 
 MOST = 200  # vehicles of one stream
+FollowModel = Literal["Krauss", "IDM", "EIDM"]
+"""Name of a car-following model of SUMO."""
 
 
 @frozen
 class StreamTable(Checked):
-    """Traffic of a given density: a lane of vehicles, each driven by a SUMO model."""
+    """Traffic of a given density: vehicles in a lane, each driven by a SUMO model."""
 
     name: FilledText = required("name; its vehicles are name_1, name_2, ... from the foremost back")
     lane: Natural = required("lane; 0 is the right-hand one")
     begin: Formula = required(
-        "where its rear is, from the ego's centre; negative: behind the ego", "m"
+        "from the ego's centre to its last vehicle's, at least; negative: behind the ego", "m"
     )
-    end: Formula = required("where its front is, from the ego's centre", "m")
+    end: Formula = required("from the ego's centre to its first vehicle's", "m")
     density: PositiveFormula = required("vehicles on a kilometre of the lane", "1/km")
     speed: PositiveFormula = required("mean speed, which each keeps while its lane is free", "m/s")
     speed_spread: NotNegativeFloat = setting(
@@ -47,9 +49,7 @@ class StreamTable(Checked):
         0.3, "distances are spread evenly around their mean, by up to this share of it"
     )
     seed: Natural = setting(0, "what speeds and distances are drawn from")
-    model: Literal["Krauss", "IDM", "EIDM"] = setting(
-        "IDM", "SUMO's car-following model, without noise"
-    )
+    model: FollowModel = setting("IDM", "SUMO's car-following model, without noise")
     headway: PositiveFormula = setting(1.0, "time headway that each keeps", "s")
     min_gap: PositiveFormula = setting(2.5, "gap to a standing vehicle", "m")
     acceleration: PositiveFormula = setting(2.6, "largest acceleration", "m/s2")
@@ -75,7 +75,7 @@ class StreamTable(Checked):
         The draws depend only on the seed and on the number of the vehicle: the points of a space
         differ in nothing but their parameters.
 
-        Raises InputError for a stream that is denser than its lane holds, or too long.
+        Raises InputError for numbers that `_check` refuses.
         """
         self._check(numbers)
         body = BODIES[self.body]
@@ -83,7 +83,7 @@ class StreamTable(Checked):
         # two rows of a fixed length: with another length the second row would have other draws
         draws = np.random.Generator(np.random.PCG64(self.seed)).uniform(-1.0, 1.0, (2, MOST + 1))
         x = numbers["end"]  # of the vehicle's centre, from the ego's, m
-        # each vehicle's shares, -1..1, of the spread of speeds and of the spread of distances
+        # shares of the spreads, -1..1: of the vehicle's speed, of the distance to the next one
         for count, (faster, further) in enumerate(draws.T.tolist(), 1):
             if x < numbers["begin"]:
                 break
@@ -100,7 +100,7 @@ class StreamTable(Checked):
             x -= spacing * (1.0 + self.spacing_spread * further)
 
     def _check(self, numbers: Numbers) -> None:
-        """Refuse impossible numbers at a point."""
+        """Refuse a stream that is denser than its lane holds, too long, or possibly standing."""
         owner = f"stream `{self.name}`"
         begin, end, speed = numbers["begin"], numbers["end"], numbers["speed"]
         if not begin < end:

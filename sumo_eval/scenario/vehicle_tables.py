@@ -53,7 +53,7 @@ from sumo_eval.scenario.formulas import (
 )
 from sumo_eval.scenario.played import Act, Pairs, Program
 from sumo_eval.scenario.road.reference_line import frame_places
-from sumo_eval.scenario.streams import StreamTable, sumo_model
+from sumo_eval.scenario.streams import FollowModel, StreamTable, sumo_model
 from sumo_eval.scenario.trigger import Step, trigger
 from sumo_eval.settings.checked import Checked, FilledText, PositiveOrNone, optional, setting
 from sumo_eval.text import capitalised
@@ -238,9 +238,7 @@ class ManoeuvreTable(Checked):
     lanes: tuple[int, ...] = setting(
         (), "of `path`, instead of points: lane in whose middle it is at each place; 0: right"
     )
-    model: Literal["Krauss", "IDM", "EIDM"] | None = optional(
-        "of `follow`: SUMO's car-following model, without noise"
-    )
+    model: FollowModel | None = optional("of `follow`: SUMO's car-following model, without noise")
     headway: PositiveFormulaOrNone = optional(
         "of `follow`: time headway that it keeps, default 1", "s"
     )
@@ -280,14 +278,15 @@ class ManoeuvreTable(Checked):
 
     def _check_keys(self, owner: str) -> None:
         """Refuse missing keys, and keys that `do` does not have."""
-        needed, allowed, _ = _MANOEUVRES[self.do]
+        needed, optional_keys, _ = _MANOEUVRES[self.do]
+        allowed = (*needed, *optional_keys)
         for item in fields(self)[4:]:  # after `do`, `name`, `begin`, `when`, which all may have
             key = item.name
             absent = getattr(self, key) in (None, ())
             if absent and key in needed:
                 raise InputError(f"{owner} must have `{key}`.")
-            if not absent and key not in (*needed, *allowed):
-                raise InputError(f"{owner} has no `{key}`.{did_you_mean(key, (*needed, *allowed))}")
+            if not absent and key not in allowed:
+                raise InputError(f"{owner} has no `{key}`.{did_you_mean(key, allowed)}")
         if self.do == "follow" and self.when is None and self.begin != 0.0:
             raise InputError(
                 f"{owner} has no `begin` without a `when`: a vehicle follows from the start."
@@ -528,11 +527,11 @@ class Vehicle:
             tuple(acts),
             length,
             width,
-            table.slides,
-            table.body,
-            heading,
-            model,
-            on_map,
+            slides=table.slides,
+            body=table.body,
+            heading=heading,
+            model=model,
+            on_map=on_map,
         )
 
     def _start(self, ego: Start, apart: float, values: Numbers) -> tuple[Start, float]:

@@ -30,9 +30,17 @@ _SETTLED = 1e-3
 _SMOOTH = 0.05
 _DIGITS = 8  # decimals of a curvature in 1/m; rounded, it is the same on all machines
 
-Fit = tuple[Line, Pose, float]
-"""Pieces of a line, its beginning on the map, and the largest distance of the polyline's places
-from it, m."""
+
+class Fit(NamedTuple):
+    """A line fitted to a polyline.
+
+    begins: pose of its beginning on the map.
+    off: largest distance of the polyline's places from it, m.
+    """
+
+    line: Line
+    begins: Pose
+    off: float
 
 
 def fitted_line(polyline: FloatArray) -> Fit:
@@ -43,13 +51,13 @@ def fitted_line(polyline: FloatArray) -> Fit:
     nearest line. Where no fit succeeds there are no pieces, and the distance is inf.
     """
     places = _resampled(polyline)
-    best: Fit = ((), Pose(0.0, 0.0, 0.0), math.inf)
+    best = Fit((), Pose(0.0, 0.0, 0.0), math.inf)
     for apart in _KNOTS:
         try:
-            best = min(best, _fitted(places, apart), key=lambda fit: fit[2])
+            best = min(best, _fitted(places, apart), key=lambda fit: fit.off)
         except np.linalg.LinAlgError:  # the rounds diverged, as they may between corners
             continue
-        if best[2] <= WITHIN:
+        if best.off <= WITHIN:
             break
     return best
 
@@ -162,19 +170,19 @@ def _improvement(line: _Line, feet: _Feet, across: FloatArray, curvature: FloatA
 
 
 def _line_of(
-    length: float, ends: list[float], begins: Pose, places: FloatArray, near: FloatArray
+    length: float, at_knots: list[float], begins: Pose, places: FloatArray, near: FloatArray
 ) -> Fit:
     """The line of known curvatures, and its distance from places (n, 2).
 
-    ends: curvatures, 1/m, at the evenly spaced ends of the pieces.
+    at_knots: curvatures at the evenly spaced knots, 1/m: the pieces lie between them.
     begins: pose of the line's beginning. near: s of the places' feet, about, m, (n,).
     """
-    piece = length / (len(ends) - 1)
-    pieces = tuple(Piece(piece, begin, end) for begin, end in itertools.pairwise(ends))
+    piece = length / (len(at_knots) - 1)
+    pieces = tuple(Piece(piece, begin, end) for begin, end in itertools.pairwise(at_knots))
     x, y, heading = map_places(pieces, near, 0.0)
     off_x, off_y = onto_the_line(places, begins).T - (x, y)
     across = off_y * np.cos(heading) - off_x * np.sin(heading)
-    return pieces, begins, float(np.abs(across).max())
+    return Fit(pieces, begins, float(np.abs(across).max()))
 
 
 def _grid(length: float, apart: float) -> _Grid:
