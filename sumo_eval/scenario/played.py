@@ -475,6 +475,24 @@ def _between(op: int, one: Body, two: Body) -> float:
 
 
 @kernel
+def departed(act: Any, table: Any, x: float, y: float, time: float) -> float:
+    """Distance of x, y from the position of the recorded ego at a time, m; after the end of the
+    recording, from its last position.
+
+    act: a `FOLLOW`. Its rows of `table` are the positions of the recorded ego, its `duration` is
+        the time from one position to the next, s.
+    """
+    # index in the recording, with its fraction
+    position = min(max(time / act.duration, 0.0), act.count - 1.0)
+    first = min(int(position), act.count - 2)
+    share = position - first
+    one, two = table[act.first + first], table[act.first + first + 1]
+    dx = x - (one.one + share * (two.one - one.one))
+    dy = y - (one.two + share * (two.two - one.two))
+    return sqrt(dx * dx + dy * dy)
+
+
+@kernel
 def _pushed(cast: Any, j: int, act: Any, step: Any, end: int, time: float) -> float:
     """The value that an operation puts on the stack.
 
@@ -580,24 +598,6 @@ def _operate(stack: Any, k: int, op: int) -> None:
 
 
 @kernel
-def departed(act: Any, table: Any, x: float, y: float, time: float) -> float:
-    """Distance of x, y from the position of the recorded ego at a time, m; after the end of the
-    recording, from its last position.
-
-    act: a `FOLLOW`. Its rows of `table` are the positions of the recorded ego, its `duration` is
-        the time from one position to the next, s.
-    """
-    # index in the recording, with its fraction
-    position = min(max(time / act.duration, 0.0), act.count - 1.0)
-    first = min(int(position), act.count - 2)
-    share = position - first
-    one, two = table[act.first + first], table[act.first + first + 1]
-    dx = x - (one.one + share * (two.one - one.one))
-    dy = y - (one.two + share * (two.two - one.two))
-    return sqrt(dx * dx + dy * dy)
-
-
-@kernel
 def arithmetic(op: int, a: float, b: float) -> float:
     """Result of an operation on a, or on a and b; of conditions 1 or 0."""
     if op == NEGATE:
@@ -681,7 +681,8 @@ def begin_due(play: Any, acts: Any, pieces: Any, table: Any, time: float, step_e
         if chosen < 0:
             return begun
         for q in range(play.acts):
-            # this move was found to begin only after a later one of this step: that begins again
+            # a move with a later `begin` has begun already, because only the step's end showed that
+            # the chosen one begins, too: it begins again after this one
             if acts[q].state == BEGUN and acts[q].begin > acts[chosen].begin:
                 acts[q].state = KNOWN
         _begin(play, acts, chosen, pieces, table)
@@ -734,7 +735,7 @@ def _match(cast: Any, j: int, now: float) -> None:
         # from speed over the ground to speed along the road's line, which differ at an offset y
         speed /= 1.0 - line_at(cast.line, own.x).curvature * own.y
     ahead = 0.5 * (play.v + speed) * elapsed  # distance to drive in this step, m
-    if kept > 0.0:  # a position
+    if kept > 0.0:  # a position: `ahead` is the way to it
         ahead = other.x + distance - on_line(play, table, play.s)[0]
         if headway < 0.0:
             ahead -= headway * speed
@@ -761,9 +762,9 @@ def _approach(
     headway: above 0, the position is further back by the headway times the own speed, s.
     elapsed: time since the last step, s.
     """
-    # pairs 4 and 5 of `PLAY.match`, whose first pair has the index play.match - 1
-    acceleration, deceleration = table[play.match + 2].one, table[play.match + 2].two
-    top_speed = table[play.match + 3].one
+    first = play.match - 1  # + 3, + 4: pairs 4 and 5 of `PLAY.match`
+    acceleration, deceleration = table[first + 3].one, table[first + 3].two
+    top_speed = table[first + 4].one
     behind = max(headway, 0.0)
     # distance to the position at the last step; since then it has moved as the other vehicle
     apart = ahead - speed * elapsed - behind * play.v
@@ -870,12 +871,10 @@ def players(cases: Sequence[Sequence[Any]]) -> Players:
     actors = [actor for case in cases for actor in case]
     shape = len(cases), len(cases[0])
     plays = np.array([_play_of(actor) for actor in actors], PLAY).reshape(shape)
-    # the rows of every actor for `ACT`, for `TABLE` and for `PROGRAM`: three lists, also without
-    # actors
-    lists = [*zip(*map(_rows_of, actors), strict=True)] or 3 * [()]
+    of_actors = [_rows_of(actor) for actor in actors]
     acts, table, program = (
-        _padded(layout, rows, shape)
-        for layout, rows in zip((ACT, TABLE, PROGRAM), lists, strict=True)
+        _padded(layout, [rows[kind] for rows in of_actors], shape)
+        for kind, layout in enumerate((ACT, TABLE, PROGRAM))
     )
     # a profile needs one piece for each knot, a change of speed two
     pieces = np.zeros((*shape, table.shape[2] + 2), PIECE)
