@@ -27,6 +27,7 @@ from sumo_eval.scenario import played as played_kinds
 from sumo_eval.scenario.file import read_scenario
 from sumo_eval.scenario.first_places import STANDARD_EGO, misplaced
 from sumo_eval.scenario.played import Act
+from sumo_eval.scenario.road.fitted_line import fitted_line
 from sumo_eval.scenario.road.lanes import LaneSpan
 from sumo_eval.scenario.road.reference_line import Piece, arc, curvatures, map_places
 from sumo_eval.scenario.shipped_files import scenario_files
@@ -560,3 +561,9 @@ def test_a_vehicle_starts_in_the_lane_of_its_edge_where_the_right_hand_one_is_no
         replace(road, network=in_a_junction), lifted.ego, STANDARD_EGO, lifted.actors
     )
     assert [it.name for it in faults if "is a junction" in it.must] == ["ego"]
+
+
+def test_a_fit_without_a_possible_line_does_not_end_the_search():
+    """A turn within 1 m: with knots further apart the curvatures become impossible."""
+    there_and_back = np.array([[0.0, 0.0], [4.0, 0.0], [4.0, 1.0], [0.0, 1.0]])
+    assert fitted_line(there_and_back).off <= 0.25

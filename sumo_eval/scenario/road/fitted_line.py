@@ -13,6 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from sumo_eval.errors import InputError
 from sumo_eval.scenario.road.pose import Pose, onto_the_line
 from sumo_eval.scenario.road.reference_line import Line, Piece, map_places
 from sumo_eval.trajectory import FloatArray
@@ -55,7 +56,8 @@ def fitted_line(polyline: FloatArray) -> Fit:
     for apart in _KNOTS:
         try:
             best = min(best, _fitted(places, apart), key=lambda fit: fit.off)
-        except np.linalg.LinAlgError:  # the rounds diverged, as they may between corners
+        # the rounds diverged, as they may between corners, to no line or to no possible `Piece`
+        except (np.linalg.LinAlgError, InputError):
             continue
         if best.off <= WITHIN:
             break
