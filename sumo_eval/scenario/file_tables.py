@@ -279,7 +279,7 @@ class SampleTable(Checked):
     units: dict[str, str] = empty_table(
         "units of columns, where not the parameters': km/h instead of m/s"
     )
-    each: dict[str, tuple[float, ...]] = empty_table(
+    each: dict[str, Annotated[tuple[float, ...], MinLen(1)]] = empty_table(
         "parameter = values: every row with each of them"
     )
     set: dict[str, Formula] = empty_table(

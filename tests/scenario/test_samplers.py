@@ -357,7 +357,7 @@ def test_a_sampler_of_the_users_is_a_function_of_space_number_and_stream(tmp_pat
     for name, sentence in (
         ("broken", "ValueError: no idea"),
         ("flat", r"an \(n, 3\) array"),
-        ("lost", "`gap` of point 1 .* within 20..120, got nan"),
+        ("lost", "`gap` of point 1 .* within 20..120 m, got nan"),
     ):
         with refusal(sentence):
             sample(CUT_OUT, f"mine.py:{name}", request=request)

@@ -222,6 +222,7 @@ default = 1.0 | default = inf | a finite number
 "later" | "" | `option[0].given.suffix` in scenario file
 each = | eech = | Did you mean `each`?
 each = { truck_speed | each = { truck_sped | Did you mean `truck_speed`?
+truck_speed = [10.0, 15.0] | truck_speed = [] | must be non-empty, got []
 km/h | km//h | Did you mean `km/h`?
 [[90], [108]] | [] | must be non-empty, got []
 [[90] | [[90, 3] | must be 1 numbers
@@ -299,6 +300,20 @@ def test_a_sample_is_rows_in_other_units_at_each_value_with_the_rest_worked_out(
         file.write_text(EXAMPLE.replace("[ego]", text + "[ego]"))
         (own,) = read_scenario(file).samples
         assert np.array(own.points) == pytest.approx(np.array(points), rel=1e-15)
+
+
+def test_a_point_of_a_sample_that_is_on_no_axis_is_refused(file):
+    """`check` said nothing of it, and a run refused it without the sample's name."""
+    beyond = SAMPLE.replace("[108]", "[200]")
+    file.write_text(EXAMPLE.replace("[ego]", beyond + "[ego]"))
+    with refusal(
+        "`ego_speed` of point 2 of sample `own` of scenario `slow_truck` must be within 15"
+    ):
+        sample(read_scenario(file), "own")
+    between = SAMPLE.replace("15.0]", "12.0]")
+    file.write_text(EXAMPLE.replace("[ego]", between + "[ego]"))
+    with refusal("`truck_speed` of point 3 of sample `own` .* must be one of 10, 15, 22.2 m/s"):
+        sample(read_scenario(file), "own")
 
 
 def test_an_exposure_may_be_undefined_at_impossible_points(file):

@@ -14,6 +14,7 @@ from sumo_eval.scenario.number_table import read_numbers
 from sumo_eval.scenario.sampling.request import Drawn, Request, owner_of
 from sumo_eval.settings.locators import load_object
 from sumo_eval.text import clean
+from sumo_eval.trajectory import FloatArray
 
 EXPOSURE = "exposure"
 
@@ -27,7 +28,7 @@ def from_csv(logical: LogicalScenario, request: Request) -> Drawn:
     table = read_numbers(path, "points", units, EXPOSURE)
     # exposure: (n, 1), or (n, 0) without that column
     points, exposure = np.hsplit(table.rows, [len(units)])
-    _check_box(logical, points, str(path))
+    check_on_axes(logical, points, str(path))
     if exposure.size and not (np.all(exposure >= 0.0) and exposure.sum() > 0.0):
         got = float(exposure.min())
         raise must_be("`exposure`", f"the points {path}", "at least 0, and above 0 somewhere", got)
@@ -63,20 +64,18 @@ def from_function(logical: LogicalScenario, request: Request, locator: str) -> D
     if points.ndim != 2 or points.shape[1] != k or not len(points):
         must = f"an (n, {k}) array with a column for each of {', '.join(logical.names)}"
         raise must_be("The result", owner, must, points.shape)
-    _check_box(logical, points, owner)
+    check_on_axes(logical, points, owner)
     note = f"Sampler `{locator}` was asked for {count} points, returned {len(points)}."
     return Drawn(points, notes=(note,) if len(points) != count else ())
 
 
-def _check_box(logical: LogicalScenario, points: np.ndarray, owner: str) -> None:
-    """Raise InputError for a point outside the ranges, or nan: that is a mistake, while a point
-    that a constraint excludes is only refused.
+def check_on_axes(logical: LogicalScenario, points: FloatArray, owner: str) -> None:
+    """Raise InputError for a point that is not on the parameters' axes, or nan: that is a mistake,
+    while a point that a constraint excludes is only refused.
     """
-    # (row, column) of each wrong number; `~` of both comparisons: they are false for nan
-    outside = np.argwhere(~((points >= logical.low) & (points <= logical.high)))
-    for row, column in outside[:1].tolist():  # the error names the first
-        item = logical.parameters[column]
-        raise must_be(
-            f"`{item.name}` of point {row + 1}", owner, f"within {item.low:g}..{item.high:g}",
-            float(points[row, column]),
-        )  # fmt: skip
+    for item, values in zip(logical.parameters, points.T, strict=False):
+        on_axis = (values >= item.low) & (values <= item.high)  # false for nan
+        if item.values:
+            on_axis = np.isin(values, item.values)
+        for row in np.flatnonzero(~on_axis)[:1].tolist():  # the error names the first
+            item.check(float(values[row]), f"point {row + 1} of {owner}")

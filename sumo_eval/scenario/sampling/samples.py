@@ -23,7 +23,7 @@ from sumo_eval.scenario.sampling.adaptive import adaptive
 from sumo_eval.scenario.sampling.combinations import combinations
 from sumo_eval.scenario.sampling.drawn_points import by_exposure, by_exposure_and_danger, sequence
 from sumo_eval.scenario.sampling.grid import full_grid
-from sumo_eval.scenario.sampling.listed_points import from_csv, from_function
+from sumo_eval.scenario.sampling.listed_points import check_on_axes, from_csv, from_function
 from sumo_eval.scenario.sampling.request import Drawn, Levels, Request, Steps, owner_of
 from sumo_eval.text import capitalised, point_words
 from sumo_eval.trajectory import BoolArray, FloatArray, IntArray
@@ -125,12 +125,15 @@ def _drawn(logical: LogicalScenario, method: str, request: Request) -> Drawn:
     keys = request.given
     prescribed = {item.name: item for item in logical.samples}
     if method in prescribed:
+        owner = f"sample `{method}` of scenario `{logical.name}`"
         if keys:
             raise InputError(
-                f"Sample `{method}` of scenario `{logical.name}` is a list: it takes no "
+                f"{capitalised(owner)} is a list: it takes no "
                 f"{', '.join(f'`{key}`' for key in sorted(keys))}."
             )
-        return Drawn(np.array(prescribed[method].points, float))
+        points = np.array(prescribed[method].points, float)
+        check_on_axes(logical, points, owner)
+        return Drawn(points)
     choose, takes = _method(method, prescribed)
     for extra in sorted(keys - takes):
         raise InputError(
