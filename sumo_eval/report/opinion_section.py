@@ -5,15 +5,15 @@ Users: `extras/studies/opinion.py`, `report/assessed.py`, `report/sections.py`.
 """
 
 import json
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from sumo_eval.input_file import read_input_text, taking_apart
+from sumo_eval.scoring.gate_settings import HIGHER_IS_BETTER
 
 OPINION = "opinion.json"
 FIX = "Delete it, or ask again with: sumo-eval humans opinion."
-_COMPARED = "S+", "A", "H", "S", "D", "C"
-"""Scores that the opinion is compared with; a file of an earlier version may lack some."""
 
 
 def opinion_content(folder: Path) -> dict[str, Any] | None:
@@ -28,50 +28,57 @@ def opinion_content(folder: Path) -> dict[str, Any] | None:
     with taking_apart(path, FIX):
         study = json.loads(text)
         correlations = {name: _number(rho) for name, rho in study["correlations"].items()}
-        # unary + raises TypeError for a value that is not a number; files of earlier versions have
-        # no intervals
+        # files of earlier versions have no intervals
         intervals = {
             name: None if ends is None else (+ends[0], +ends[1])
             for name, ends in (study.get("intervals") or {}).items()
         }
-        rows = [
-            {
-                **row,
-                **{name: +row[name] for name in ("opinion", "deviation")},
-                "scores": {name: _number(row["scores"][name]) for name in correlations},
-            }
-            for row in study["rows"]
-        ]
-        panels = [
-            {
-                "name": name,
-                "most": f"{_highest(name):g}",
-                "rho": correlations[name],
-                "interval": intervals.get(name),
-                # `share`: score over its highest value, 0..1; `row`: its line in the copied table
-                "dots": [
-                    {
-                        "opinion": row["opinion"],
-                        "share": min(max(score / _highest(name), 0.0), 1.0),
-                        "words": f"{row['ads']} in {row['scenario']}: opinion "
-                        f"{row['opinion']:z.2f}, {name} {score:z.3g}",
-                        "row": (row["scenario"], row["ads"], row["opinion"], score),
-                    }
-                    for row in rows
-                    if (score := row["scores"][name]) is not None
-                ],
-            }
-            for name in _COMPARED
-            if name in correlations
-        ]
+        rows = [_row(row, correlations) for row in study["rows"]]
         return {
             "rows": rows,
-            "names": [panel["name"] for panel in panels],
             "concordance": _number(study["concordance"]),
-            "correlations": correlations,
-            "intervals": intervals,
-            "panels": panels,
+            "panels": [
+                {
+                    "name": name,
+                    "most": f"{_highest(name):g}",
+                    "rho": correlations[name],
+                    "interval": intervals.get(name),
+                    "dots": list(_dots(name, rows)),
+                }
+                for name in HIGHER_IS_BETTER
+                if name in correlations  # a file of an earlier version may lack some
+            ],
         }
+
+
+def _row(row: Mapping[str, Any], names: Iterable[str]) -> dict[str, Any]:
+    """A rated ADS in a scenario: its ratings, and its scores of these names.
+
+    Unary + raises TypeError for a value that is not a number.
+    """
+    return {
+        "scenario": row["scenario"],
+        "ads": row["ads"],
+        **{name: +row[name] for name in ("opinion", "deviation", "raters")},
+        "scores": {name: _number(row["scores"][name]) for name in names},
+    }
+
+
+def _dots(name: str, rows: Sequence[Mapping[str, Any]]) -> Iterator[dict[str, Any]]:
+    """A score over the mean rating, a dot for each row that has this score.
+
+    share: the score divided by its highest value, 0..1. row: its line in the copied table.
+    """
+    for row in rows:
+        score, opinion = row["scores"][name], row["opinion"]
+        if score is not None:
+            yield {
+                "opinion": opinion,
+                "share": min(max(score / _highest(name), 0.0), 1.0),
+                "words": f"{row['ads']} in {row['scenario']}: opinion {opinion:z.2f}, "
+                f"{name} {score:z.3g}",
+                "row": (row["scenario"], row["ads"], opinion, score),
+            }
 
 
 def _number(value: Any) -> Any:
@@ -80,5 +87,5 @@ def _number(value: Any) -> Any:
 
 
 def _highest(name: str) -> float:
-    """Highest value of a score: 100 points for S and S+; 1 for A, H, D and C, which are shares."""
+    """Highest value of a score: 100 points for S and S+, 1 for any other."""
     return 100.0 if name.startswith("S") else 1.0

@@ -101,14 +101,15 @@ def test_the_file_has_the_same_numbers(assessed, tmp_path):
 def test_the_section_is_there_only_where_people_were_asked(tmp_path):
     assert opinion_content(tmp_path) is None
     rated = RatedScore(
-        "idm", "cut_out", 6.5, 0.5, 4, {"S+": 70.0, "A": -0.5, "S": 80.0, "D": None, "C": 0.25}
-    )
-    told = Opinion((rated,), {"S+": None, "A": None, "S": None, "D": None, "C": None}, None)
+        "idm", "cut_out", 6.5, 0.5, 4,
+        {"T": 0.5, "S+": 70.0, "A": -0.5, "S": 80.0, "D": None, "C": 0.25}
+    )  # fmt: skip
+    told = Opinion((rated,), dict.fromkeys(rated.scores), None)
     (tmp_path / OPINION).write_text(json.dumps(opinion_json(told)))
     content = opinion_content(tmp_path)
     dots = {panel["name"]: [dot["share"] for dot in panel["dots"]] for panel in content["panels"]}
     # 70 of 100; below 0; 80 of 100; no D
-    assert dots == {"S+": [0.7], "A": [0.0], "S": [0.8], "D": [], "C": [0.25]}
+    assert dots == {"T": [0.5], "S+": [0.7], "A": [0.0], "S": [0.8], "D": [], "C": [0.25]}
     assert content["rows"][0]["opinion"] == 6.5
 
 
@@ -121,6 +122,8 @@ def test_the_section_is_there_only_where_people_were_asked(tmp_path):
         '{"rows": [], "correlations": {"A": 1}, "intervals": [1]}',
         '{"rows": [], "correlations": {"A": 1}, "intervals": {"A": 0.0}}',
         '{"rows": [{"opinion": 1, "deviation": "x", "scores": {}}], "correlations": {}}',
+        '{"rows": [{"opinion": 1, "deviation": 1, "scores": {}}], "correlations": {},'
+        ' "concordance": null}',
         "[" * 100_000,
     ],
 )

@@ -173,9 +173,9 @@ def opinion_panels(run: Path) -> list[Panel]:
             f"{run} must hold ratings, got none; add them with: sumo-eval humans opinion."
         )
     panels = []
-    for name, rho in content["correlations"].items():
+    for panel in content["panels"]:
+        name, rho, ends = panel["name"], panel["rho"], panel["interval"]
         rows = [row for row in content["rows"] if row["scores"][name] is not None]
-        ends = content["intervals"].get(name)
         within = "" if ends is None else f", {ends[0]:z.2f}..{ends[1]:z.2f}"
         marks = Marks(
             "", [row["opinion"] for row in rows], [row["scores"][name] for row in rows],
