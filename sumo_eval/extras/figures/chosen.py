@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 from sumo_eval.case_table import CaseTable
 from sumo_eval.cases import CaseResult
-from sumo_eval.errors import InputError, check_known, must_be, unknown
+from sumo_eval.errors import InputError, must_be, unknown
 from sumo_eval.frozen import frozen
 from sumo_eval.record.store import EGO, open_store
 from sumo_eval.results import Evaluation, ScenarioResult
@@ -52,7 +52,7 @@ class FigureRequest(NamedTuple):
     width: a key of `style.WIDTHS`.
 
     The properties are what the figure shows: the request, completed by defaults. They raise
-    InputError for an unknown scenario, ADS or case, and for a scenario that is not the case's.
+    InputError for an unknown case, and for a scenario that is not the case's.
     """
 
     evaluation: Evaluation
@@ -65,18 +65,12 @@ class FigureRequest(NamedTuple):
     def names(self) -> list[str]:
         """Names of the ADSs: that of the request, else all."""
         all_names = [entry.name for entry in self.evaluation.settings.ads]
-        names = all_names if self.ads is None else [self.ads]
-        check_known("ADS", all_names, *names)
-        return names
+        return all_names if self.ads is None else [self.ads]
 
     @property
     def chosen_scenario(self) -> str | None:
         """Name of the scenario: that of the request's case, else that of the request; None: all."""
-        if self.case is not None:
-            return self.row.scenario
-        if self.scenario is not None:
-            check_known("scenario", self.evaluation.scenario_names, self.scenario)
-        return self.scenario
+        return self.scenario if self.case is None else self.row.scenario
 
     @property
     def one_scenario(self) -> str:

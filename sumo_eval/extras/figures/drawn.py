@@ -63,16 +63,16 @@ def draw(
     check_known("figure", FIGURES, figure)
     searched = is_searched(evaluation, figure)
     if figure in OF_RUNS and not searched:
+        run = resolved_run(evaluation) if isinstance(evaluation, Path) else evaluation
+        # names are checked before a run is scored, which takes longer
+        if ads is not None:
+            check_known("ADS", [entry.name for entry in run.settings.ads], ads)
+        if scenario is not None and case is None:
+            check_known("scenario", run.scenarios, scenario)
         if isinstance(evaluation, Path):
-            resolved = resolved_run(evaluation)
-            # names are checked before the run is scored, which takes longer
-            if scenario is not None:
-                check_known("scenario", resolved.scenarios, scenario)
-            if ads is not None:
-                check_known("ADS", [entry.name for entry in resolved.settings.ads], ads)
             if case is not None:
                 known_case(evaluation, case)
-            evaluation = score(evaluation, resolved=resolved, progress=progress)
+            evaluation = score(evaluation, progress=progress)
         return OF_RUNS[figure](FigureRequest(evaluation, scenario, ads, case, width))
     folder = evaluation.folder if isinstance(evaluation, Evaluation) else evaluation
     # of the figures of a folder only `trend` takes a scenario and an ADS, and none takes a case
