@@ -184,13 +184,15 @@ class Findings(NamedTuple):
 
     def harm(self, case: CaseResult) -> Harm:
         """The terms of a case in A."""
-        terms = self.terms
-        is_case = self.cases.case == case.case
-        u, ideal, nothing = terms.severity, terms.ideal, terms.unreacting
-        weight = terms.weight if self.weighted else np.ones(len(u))
-        lost, at_stake = (weight * excess(severity, ideal) for severity in (u, nothing))
-        columns = u, ideal, nothing, lost, at_stake, self.share_lost  # in the order of `Harm`
-        return Harm(*(float(column[is_case][0]) for column in columns))
+        terms, row = self.terms, self._row_of(case)
+        u, ideal, nothing = terms.severity[row], terms.ideal[row], terms.unreacting[row]
+        weight = terms.weight[row] if self.weighted else 1.0
+        lost, at_stake = weight * excess(u, ideal), weight * excess(nothing, ideal)
+        return Harm(*map(float, (u, ideal, nothing, lost, at_stake, self.share_lost[row])))
+
+    def _row_of(self, case: CaseResult) -> int:
+        """Index of a case among `cases`."""
+        return int(np.flatnonzero(self.cases.case == case.case)[0])
 
     def part(
         self, case: CaseResult, counted: BoolArray, weights: FloatArray, values: FloatArray
@@ -200,12 +202,10 @@ class Findings(NamedTuple):
         counted, weights: as in `shares`.
         values: of all cases, (n,), 0..1.
         """
-        is_case = self.cases.case == case.case
-        counted_weights = np.nan_to_num(weights[counted]).tolist()
-        share, value = self.shares(counted, weights)[is_case], values[is_case]
-        return Part(
-            len(counted_weights), math.fsum(counted_weights), float(share[0]), float(value[0])
-        )
+        row = self._row_of(case)
+        of_counted = np.nan_to_num(weights[counted]).tolist()
+        share = float(self.shares(counted, weights)[row])
+        return Part(len(of_counted), math.fsum(of_counted), share, float(values[row]))
 
     def shares(self, counted: BoolArray, weights: FloatArray) -> FloatArray:
         """Share of each case in a weighted mean over the counted cases, (n,); 0 for other cases.
@@ -237,9 +237,9 @@ class Findings(NamedTuple):
         counted: whether a case is in the mean, (n,).
         factors: name -> field of CaseResult.
         """
-        some = self.cases[counted]
+        cases = self.cases[counted]
         means = {
-            name: mean_of(getattr(some, field), some.exposure) for name, field in factors.items()
+            name: mean_of(getattr(cases, field), cases.exposure) for name, field in factors.items()
         }
         return {name: mean for name, mean in means.items() if mean is not None}
 

@@ -1,7 +1,7 @@
 """Figures of one scenario of a scored run: its zones, the drives in them, their fields.
 
-`drawn.draw` finds each public function by its name, for `sumo-eval plot FIGURE`. A height given to
-`on_paper` is a share of a panel's width, one given to `new_figure` of the figure's width.
+`drawn.draw` calls each public function under its name, for `sumo-eval plot FIGURE`. A height given
+to `on_paper` is a share of a panel's width, one given to `new_figure` of the figure's width.
 
 Users: `extras/figures/drawn.py`.
 """
@@ -121,8 +121,9 @@ def _map_panels(
     outcomes: verdict on each case, a key of `LOOKS`, (n,).
     """
     parameters = zones.logical.parameters
-    across, *up = (parameters[column] for column in (view.x, view.y) if column is not None)
-    labels = label(across.title), label(up[0].title) if up else ""  # one parameter: no second axis
+    across = parameters[view.x]
+    # a space of one parameter has no second axis
+    up = "" if view.y is None else label(parameters[view.y].title)
     for number, dots in enumerate(_verdict_marks(view, cases, outcomes)):
         exact, learnt = _zones(zones, view, number)
         title = ""
@@ -130,7 +131,8 @@ def _map_panels(
             item = parameters[view.panel]
             title = f"{label(item.name)} {view.panels[number]:g}{item.unit_suffix}"
         range_ = across.low, across.high
-        yield Panel([*_ZONE_LEGEND, *dots], *labels, title, chance=exact, range_=range_), learnt
+        marks = [*_ZONE_LEGEND, *dots]
+        yield Panel(marks, label(across.title), up, title, chance=exact, range_=range_), learnt
 
 
 def _verdict_marks(

@@ -252,13 +252,13 @@ def _digest(workers: int, batch: int) -> str:
     batch: most cases in one simulation; one holds cases of one ADS, here at most 8.
     """
     settings = SimulationSettings(step=0.1)
-    low = catalogue.load("front_vehicle_low_speed")
+    logical = catalogue.load("front_vehicle_low_speed")
+    points = [logical.concrete(ego_speed=15.0 + number, lead_speed=5.0) for number in range(8)]
     cases = [
         # role, driver and controller; no identity of a user's code, no harness
         with_fingerprint(Case(number, concrete, "ads", ads, ads), settings, "", "")
         for ads in ("careful_driver", "no_reaction")
-        for number in range(8)
-        for concrete in [low.concrete(ego_speed=15.0 + number, lead_speed=5.0)]
+        for number, concrete in enumerate(points)
     ]
     with TemporaryDirectory() as folder:
         setup = Setup(settings, RunSettings(workers=workers, cases_per_pack=batch), Path(folder))
