@@ -127,6 +127,7 @@ def gate_lines(
 
 
 def _failure_line(gate: GateResult, since: str | None) -> str:
+    """A failed limit, the night that it was compared with, and since when it fails."""
     base = f"beside the accepted {gate.against}" if gate.against else ""
     remarks = ", ".join(filter(None, (base, since)))
     words = f"gate FAILED: {one_line(gate.ads)} in {gate.scenario}: {gate.sentence}"

@@ -51,6 +51,7 @@ def confidence_content(evaluation: Evaluation, additions: Additions) -> Json | N
 
 
 def _further(item: Assessment, confidence: Confidence) -> Json:
+    """Further cases of an ADS in a scenario that would narrow S, and by how much."""
     plain: Json = {"ads": item.ads, "scenario": item.scenario}
     further = item.further
     if further is None or "s" not in item.sources or not len(further.points):
@@ -71,6 +72,7 @@ def _further(item: Assessment, confidence: Confidence) -> Json:
 
 
 def _space(name: str, item: SpaceCoverage) -> Json:
+    """Coverage of a scenario's space, in words and pictures."""
     hit, possible = item.pairs_hit
     return {
         "name": name,
@@ -142,6 +144,7 @@ def _assessment_json(item: Assessment, coverage: SpaceCoverage) -> Json:
 
 
 def _coverage_json(item: SpaceCoverage) -> Json:
+    """Coverage of a scenario's space, as numbers."""
     hit, possible = item.pairs_hit
     return {
         "buckets": {name: {"hit": got, "possible": of} for name, (got, of) in item.buckets.items()},

@@ -1,4 +1,7 @@
-"""An evaluation as a notebook shows it: a table, and a picture of the scores."""
+"""An evaluation as a notebook shows it: a table, and a picture of the scores.
+
+`results.py` and `cases.py` load the functions by their names when a notebook shows something.
+"""
 
 from collections.abc import Mapping
 from html import escape

@@ -27,13 +27,10 @@ def opinion_content(folder: Path) -> dict[str, Any] | None:
     text = read_input_text(path, "opinion")
     with taking_apart(path, FIX):
         study = json.loads(text)
-        correlations = {name: _number(rho) for name, rho in study["correlations"].items()}
-        # files of earlier versions have no intervals
-        intervals = {
-            name: None if ends is None else (+ends[0], +ends[1])
-            for name, ends in (study.get("intervals") or {}).items()
-        }
-        rows = [_row(row, correlations) for row in study["rows"]]
+        # a file of an earlier version may lack some scores, and has no intervals
+        correlations, intervals = study["correlations"], study.get("intervals") or {}
+        names = [name for name in HIGHER_IS_BETTER if name in correlations]
+        rows = [_row(row, names) for row in study["rows"]]
         return {
             "rows": rows,
             "concordance": _number(study["concordance"]),
@@ -41,12 +38,11 @@ def opinion_content(folder: Path) -> dict[str, Any] | None:
                 {
                     "name": name,
                     "most": f"{_highest(name):g}",
-                    "rho": correlations[name],
-                    "interval": intervals.get(name),
+                    "rho": _number(correlations[name]),
+                    "interval": _interval(intervals.get(name)),
                     "dots": list(_dots(name, rows)),
                 }
-                for name in HIGHER_IS_BETTER
-                if name in correlations  # a file of an earlier version may lack some
+                for name in names
             ],
         }
 
@@ -84,6 +80,11 @@ def _dots(name: str, rows: Sequence[Mapping[str, Any]]) -> Iterator[dict[str, An
 def _number(value: Any) -> Any:
     """The number or None that a value is; TypeError for anything else."""
     return value if value is None else +value
+
+
+def _interval(ends: Any) -> tuple[Any, Any] | None:
+    """The two numbers of an interval, or None; TypeError for anything else."""
+    return None if ends is None else (+ends[0], +ends[1])
 
 
 def _highest(name: str) -> float:

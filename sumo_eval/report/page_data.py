@@ -107,7 +107,8 @@ def _scenario(
     # maps are drawn in the slice at which the page opens: the most telling one, if there is one
     drawn = view._replace(fixed=telling or view.fixed)
     rows = [_case(case, logical.row(case.values)) | details for case, details in embedded]
-    names_of_ads = [score.ads for score in evaluation.scores_in(logical.name)]
+    scores = evaluation.scores_in(logical.name)
+    by_ads = {score.ads: evaluation.cases_behind(score) for score in scores}
     lattice = lattice_points(logical)
     return {
         "name": logical.name,
@@ -116,12 +117,8 @@ def _scenario(
              "high": item.high}
             for item in logical.parameters
         ],
-        "ads": names_of_ads,
-        "meanIndex": {
-            ads: mean_of(of_ads.index, of_ads.exposure)
-            for ads in names_of_ads
-            for of_ads in [evaluation.cases_of(ads, logical.name)]
-        },
+        "ads": list(by_ads),
+        "meanIndex": {ads: mean_of(own.index, own.exposure) for ads, own in by_ads.items()},
         "road": drawn_road(logical.road),
         "bodies": drawn_bodies(logical.concrete(**cases[0].values)) if len(cases) else {},
         "view": {
@@ -162,6 +159,7 @@ def _groups(logical: LogicalScenario, cases: CaseTable, keys: set[str]) -> Json:
 
 
 def _group_words(group: FailureGroup, logical: LogicalScenario) -> str:
+    """Ranges of a group, and the share of all cases there that fail like it."""
     suffixes = {item.name: item.unit_suffix for item in logical.parameters}
     where = ", ".join(
         f"{name} {low:z.4g}{'' if low == high else f' to {high:z.4g}'}{suffixes[name]}"
@@ -230,6 +228,7 @@ def zone_map(zones: ZonePartition, view: View, panel: int) -> Json:
 
 
 def _packed(zones: ZonePartition, points: FloatArray) -> Json:
+    """The zones at some points: learnt, exact, and the room that each constraint leaves."""
     gp, exact, *rooms = (packed_bytes(it.tobytes()) for it in zone_levels(zones, points))
     return {"gp": gp, "exact": exact, "rooms": rooms}
 

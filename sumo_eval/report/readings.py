@@ -50,6 +50,10 @@ def setting_rows(settings: EvaluationSettings) -> dict[str, list[SettingRow]]:
 
 
 def _rows(settings: Any, prefix: str) -> Iterator[SettingRow]:
+    """The settings of a table and of the tables in it.
+
+    prefix: names of the tables around it, each followed by a dot.
+    """
     for item in fields(settings):
         value = getattr(settings, item.name)
         if is_dataclass(value):
@@ -68,6 +72,7 @@ def _rows(settings: Any, prefix: str) -> Iterator[SettingRow]:
 
 
 def _word(value: object) -> str:
+    """A setting's value as text."""
     if isinstance(value, tuple):
         return ", ".join(value) or "none"
     return f"{value:g}" if isinstance(value, float) else str(value)

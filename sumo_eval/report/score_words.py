@@ -145,18 +145,18 @@ def explain_a(findings: Findings) -> str:
     )
 
 
-def _most_from(name: str, cases: CaseTable, losses: FloatArray, of: float) -> str:
+def _most_from(name: str, cases: CaseTable, losses: FloatArray, total: float) -> str:
     """Sentence on the case that took most from a score; empty if it is not worth naming.
 
     losses: of the cases, (n,); nan where a case has no part in the score.
-    of: their sum; 0 where nothing is lost.
+    total: their sum; 0 where nothing is lost.
     """
     worst = int(np.argmax(np.nan_to_num(losses)))
     lost = losses[worst]
-    if not (lost and lost >= SHARE_WORTH_NAMING * of):  # `not`: refuses nan as well
+    if not (lost and lost >= SHARE_WORTH_NAMING * total):  # `not`: refuses nan as well
         return ""
     point = point_words(cases[worst].values)
-    return f" {point} took the most from {name}: {lost:z.3f} of {of:z.3f}."
+    return f" {point} took the most from {name}: {lost:z.3f} of {total:z.3f}."
 
 
 def explain_h(findings: Findings) -> str:
@@ -238,12 +238,9 @@ def explain_d(findings: Findings) -> str:
     low = (counted & (cases.index < 0.1)).sum()
     if 0 < low < indexed:
         sentence += f" {low} of them {'scores' if low == 1 else 'score'} below 0.1."
-    if with_two_groups := sum(
-        any(note.kind == "two_groups" for note in of_case)
-        for of_case in cases.index_note[cases.safe]
-    ):
-        sentence += f" In {with_two_groups} of them {TWO_GROUPS}"
-    return sentence
+    notes = cases.index_note[cases.safe]  # of each safe case
+    divided = sum(any(note.kind == "two_groups" for note in of_case) for of_case in notes)
+    return f"{sentence} In {divided} of them {TWO_GROUPS}" if divided else sentence
 
 
 TWO_GROUPS = (

@@ -93,6 +93,7 @@ def _row(
     scenarios: Sequence[str],
     digits: int,
 ) -> Json:
+    """A row of the table of ADSs. digits: decimals of S+."""
     points = {it.scenario: it.s_plus for it in evaluation.scores if it.ads == ads.ads}
     return {
         "of": behaviour,

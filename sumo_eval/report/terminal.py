@@ -76,6 +76,7 @@ def _lines_without(name: str, scores: Sequence[ScenarioResult]) -> Iterator[str]
 
 
 def _names(scores: Sequence[ScenarioResult]) -> str:
+    """Names of their scenarios, each once."""
     return ", ".join(dict.fromkeys(score.scenario for score in scores))
 
 
@@ -108,6 +109,7 @@ def _missing_lines(evaluation: Evaluation) -> Iterator[str]:
 
 
 def _missing_words(case: CaseResult) -> str:
+    """Why a case could not be evaluated, cut to fit a terminal, and where in the ADS's code."""
     sentence = why_missing(case)
     if len(sentence) > LONGEST_SENTENCE:
         sentence = f"{sentence[: LONGEST_SENTENCE - 2]} …"
@@ -244,6 +246,7 @@ def ledger_words(account: Ledger, digits: int) -> str:
 
 
 def _ledger_lines(account: Ledger) -> list[str]:
+    """One ledger, with the cases that moved each of its lines most."""
     subject = f"{one_line(account.score.ads)} in {account.score.scenario}"
     lines = [f"{subject}: {ledger_words(account, 2)}"]
     for line in account.lines:
