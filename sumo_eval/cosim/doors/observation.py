@@ -64,9 +64,10 @@ def limits_of(conditions: ConditionSettings) -> tuple[float, ...]:
 
 
 _NO_LIMITS = limits_of(ConditionSettings())
-# indices in `limits_of`: limits that need random numbers; limits that hide an actor
-_CHANCE, _REACH = slice(1, 4), slice(4, 7)
-_FIELD_OF_VIEW, _OCCLUSION = 5, 6
+# Indices in `limits_of`.
+_DELAY, _MISS, _FIELD_OF_VIEW, _OCCLUSION = 0, 1, 5, 6
+_NOISE = [2, 2, 3]  # of x, y and speed
+_CHANCE, _REACH = slice(1, 4), slice(4, 7)  # limits that need random numbers; that hide an actor
 
 
 def sees_all(conditions: ConditionSettings) -> bool:
@@ -206,10 +207,10 @@ class _Computed:
     def __set_name__(self, owner: type, name: str) -> None:
         self._name = name
 
-    def __get__(self, owner: Any, kind: type) -> Any:
-        if owner is None:
+    def __get__(self, instance: Any, owner: type) -> Any:
+        if instance is None:
             return self
-        value = owner.__dict__[self._name] = self._work(owner)
+        value = instance.__dict__[self._name] = self._work(instance)
         return value
 
 
@@ -251,11 +252,28 @@ class Observation:
         me = self._ego
         return _tuple(SeenEgo, (*me[:4], me[7], lane_at(self.road, me[1]), me[4], me[5]))
 
+    def _seen(self, number: int) -> SeenVehicle:
+        """The actor of a number (1, 2, ...) relative to the ego."""
+        me, others = self._look
+        other = others[number - 1]
+        x, y, heading = other[:3]
+        speed, length, width = other[3:6]
+        half_length, half_width = half_sizes(heading, length, width)
+        my_half_length, my_half_width = half_sizes(me[2], me[4], me[5])
+        along, across = _velocity(other)
+        ahead, offset = x - me[0], y - me[1]
+        return _tuple(SeenVehicle, (
+            number, ahead > 0.0, abs(ahead) - half_length - my_half_length,
+            along - _velocity(me)[0],
+            offset, abs(offset) < half_width + my_half_width, speed, across, lane_at(self.road, y),
+            length, width, x, y, heading, other[7], self._kinds[number - 1],
+        ))  # fmt: skip
+
     @_Computed
     def vehicles(self) -> tuple[SeenVehicle, ...]:
         """The other vehicles that are seen, the nearest along the road first."""
         seen = [
-            _seen(number, self._look, self.road, self._kinds)
+            self._seen(number)
             for number, other in enumerate(self._look[1], 1)
             if other[0] == other[0]  # nan: not seen
         ]
@@ -278,7 +296,7 @@ class Observation:
                 gap = abs(x - my_x) - half_length - my_half_length
                 if gap < least and abs(other[1] - my_y) < half_width + my_half_width:
                     nearest, least = number, gap
-        return _seen(nearest, self._look, self.road, self._kinds) if nearest else None
+        return self._seen(nearest) if nearest else None
 
     @_Computed
     def neighbours(self) -> Mapping[str, SeenVehicle | None]:
@@ -287,12 +305,12 @@ class Observation:
         """
         lane = self.ego.lane
         nearest = {}
-        for name, *place in (
+        for name, its_lane, ahead in (
             ("left_ahead", lane + 1, True), ("left_behind", lane + 1, False),
             ("right_ahead", lane - 1, True), ("right_behind", lane - 1, False),
             ("behind", lane, False),
         ):  # fmt: skip
-            candidates = (v for v in self.vehicles if [v.lane, v.ahead] == place)
+            candidates = (v for v in self.vehicles if v.lane == its_lane and v.ahead == ahead)
             nearest[name] = min(candidates, key=lambda v: v.gap, default=None)
         return nearest
 
@@ -354,7 +372,7 @@ class Observation:
         return tuple(onto_the_line(np.stack(lane, 1), me) for lane in lanes)
 
     def plain(self) -> dict[str, Any]:
-        """Everything as plain values, ready for JSON."""
+        """What changes from step to step, as plain values, ready for JSON."""
         return {
             "time": round(self.time, 6), "ego": self.ego._asdict(),
             "lead": self.lead and self.lead._asdict(),
@@ -365,7 +383,7 @@ class Observation:
         }  # fmt: skip
 
     def signals(self) -> dict[str, float]:
-        """Everything that is one number, by name.
+        """All values that are one number, by name.
 
         Of a place without a vehicle, `present` is 0, `gap` 1000 m and `kind` -1; `speed`, `x`, `y`
         and `heading` are the ego's; other values are 0. A kind is its number in `KINDS`: 0 is a
@@ -401,7 +419,8 @@ class Observations:
     desired_speed: m/s, (n,).
     ego, lead: arrays (n,).
     vehicles: arrays (n, m), in the order of the scenario's vehicles.
-    _egos, _seen, _others: records of the egos, of the actors as rules see them, of the actors.
+    _egos, _others: records of the egos and of the actors.
+    _seen: records of the actors as rules see them; x is nan where there is no vehicle.
     _cases: of the whole batch; `number` is an index of it.
     """
 
@@ -525,10 +544,9 @@ class Perception:
     def __init__(self, conditions: Sequence[ConditionSettings], streams: Sequence[str]) -> None:
         self._limits = np.array([limits_of(it) for it in conditions])
         self._used = (self._limits != _NO_LIMITS).any(axis=0)  # whether any case has a limit, (7,)
-        self._random = [
-            random_stream(0, "perception", it) for it in streams if self._used[_CHANCE].any()
-        ]
-        delays = self._limits[:, 0]
+        has_chance = self._used[_CHANCE].any()
+        self._random = [random_stream(0, "perception", it) for it in streams if has_chance]
+        delays = self._limits[:, _DELAY]
         self._delays = delays.max(), delays.min()  # longest, shortest, s
         self._steps = 0
         # time, egos and actors of the last steps, as far back as the longest delay
@@ -561,7 +579,7 @@ class Perception:
             at = self._steps % _DRAWN
             if at == 0:
                 self._draw(others.shape[1])
-            visible &= self._chance[:, at] >= self._limits[:, 1, None]
+            visible &= self._chance[:, at] >= self._limits[:, _MISS, None]
             errors = self._errors[:, at]
             seen[..., :2] += errors[..., :2]
             # noise makes no speed negative; without noise a speed stays as it is
@@ -580,11 +598,12 @@ class Perception:
         """Drop all cases but these; keep their order."""
         self._limits = self._limits[rows]
         self._memory = deque((time, egos[rows], seen[rows]) for time, egos, seen in self._memory)
+        if self._random:
+            self._random = [self._random[row] for row in rows.tolist()]
         if self._steps:
             self._last = self._last[:, rows]
             if self._random:
                 self._chance, self._errors = self._chance[rows], self._errors[rows]
-        self._random = [self._random[row] for row in rows.tolist() if self._random]
 
     def _delayed(
         self, time: float, egos: FloatArray, seen: FloatArray
@@ -601,7 +620,7 @@ class Perception:
         # all cases see the oldest step: no delay is so short that its case sees the next step
         if len(memory) == 1 or memory[1][0] > time - shortest + SAME_TIME:
             return memory[0][1:]
-        latest = time - self._limits[:, 0] + SAME_TIME
+        latest = time - self._limits[:, _DELAY] + SAME_TIME
         # index of the newest step that each case may see; -1: none yet, it sees the oldest
         places = np.searchsorted([it[0] for it in memory], latest, side="right") - 1
         egos = egos.copy()
@@ -622,7 +641,7 @@ class Perception:
         for stream, chance, errors in zip(self._random, self._chance, self._errors, strict=True):
             stream.random(out=chance)
             stream.standard_normal(out=errors)
-        self._errors *= self._limits[:, None, None, [2, 2, 3]]  # noise of x, y and speed
+        self._errors *= self._limits[:, None, None, _NOISE]
 
     def _within_reach(self, egos: FloatArray, others: FloatArray) -> BoolArray:
         """Whether each actor is in range and in the field of view, and not hidden, (n, m)."""
@@ -652,7 +671,7 @@ def _angles(egos: FloatArray, columns: FloatArray) -> FloatArray:
     along, across = 0.5 * length * _AHEAD, 0.5 * width * _LEFT
     c = np.cos(heading)
     s = np.sin(heading)
-    points_y, points_x = y + along * s + across * c, x + along * c - across * s
+    points_x, points_y = x + along * c - across * s, y + along * s + across * c
     angle = np.arctan2(points_y - bumper_y, points_x - bumper_x) - turned
     return np.asarray(angle - tau * np.floor(angle / tau + 0.5))
 
@@ -705,26 +724,6 @@ def _velocities(bodies: Records) -> tuple[FloatArray, FloatArray]:
     s = np.sin(bodies["heading"])
     speed, across = bodies["speed"], bodies["across"]
     return speed * c - across * s, speed * s + across * c
-
-
-def _seen(number: int, look: _Look, road: Road, kinds: Sequence[str]) -> SeenVehicle:
-    """An actor relative to the ego.
-
-    number: 1, 2, ...; look: as in `Observation`; kinds: of all actors.
-    """
-    me = look[0]
-    other = look[1][number - 1]
-    x, y, heading = other[:3]
-    speed, length, width = other[3:6]
-    half_length, half_width = half_sizes(heading, length, width)
-    my_half_length, my_half_width = half_sizes(me[2], me[4], me[5])
-    along, across = _velocity(other)
-    ahead, offset = x - me[0], y - me[1]
-    return _tuple(SeenVehicle, (
-        number, ahead > 0.0, abs(ahead) - half_length - my_half_length, along - _velocity(me)[0],
-        offset, abs(offset) < half_width + my_half_width, speed, across, lane_at(road, y),
-        length, width, x, y, heading, other[7], kinds[number - 1],
-    ))  # fmt: skip
 
 
 def _place_signals(place: str, it: SeenVehicle | None, me: SeenEgo) -> dict[str, float]:
