@@ -33,8 +33,8 @@ from sumo_eval.cosim.doors.entry import (
 )
 from sumo_eval.cosim.doors.traci_module import TRACI, seen_as_traci
 from sumo_eval.cosim.doors.traci_numbers import finite_number, shown
-from sumo_eval.cosim.plans import Plan, Wanted
-from sumo_eval.cosim.vehicle_model import Command, Pedals
+from sumo_eval.cosim.plans import Wanted
+from sumo_eval.cosim.vehicle_model import Command
 from sumo_eval.errors import (
     ControllerError,
     InputError,
@@ -193,7 +193,7 @@ def as_command(action: Any) -> Wanted:
     # the usual action, in a quick way; `step_rules.move_rows` checks that it is finite
     if type(action) is float:
         return Command(action)
-    if isinstance(action, Command | Pedals | Plan):
+    if isinstance(action, Wanted):
         return action
     if hasattr(action, "tolist"):
         action = action.tolist()
@@ -213,27 +213,19 @@ def as_command(action: Any) -> Wanted:
 _WHERE_THE_ROUTE_ASKS = 513
 SUMO_ATTRIBUTES = (
     "accel", "decel", "apparentDecel", "emergencyDecel", "minGap", "tau", "sigma", "sigmaStep",
-    "startupDelay",
-    "speedFactor", "speedDev", "desiredMaxSpeed", "maxSpeed", "actionStepLength", "delta",
-    "stepping", "adaptFactor",
-    "adaptTime", "tpreview", "tPersDrive", "tPersEstimate", "tReaction", "treaction", "ccoolness",
-    "sigmaleader",
-    "sigmagap", "sigmaerror", "jerkmax", "epsilonacc", "taccmax", "Mflatness", "Mbegin",
-    "speedControlGain",
+    "startupDelay", "speedFactor", "speedDev", "desiredMaxSpeed", "maxSpeed", "actionStepLength",
+    "delta", "stepping", "adaptFactor", "adaptTime", "tpreview", "tPersDrive", "tPersEstimate",
+    "tReaction", "treaction", "ccoolness", "sigmaleader", "sigmagap", "sigmaerror", "jerkmax",
+    "epsilonacc", "taccmax", "Mflatness", "Mbegin", "speedControlGain",
     "gapClosingControlGainSpeed", "gapClosingControlGainSpace", "gapControlGainSpeed",
-    "gapControlGainSpace",
-    "collisionAvoidanceGainSpeed", "collisionAvoidanceGainSpace", "speedControlMinGap",
-    "applyDriverState",
-    "tauLastStep", "k", "phi", "security", "estimation", "tmp1", "tmp2", "tmp3", "tmp4", "tmp5",
-    "cc1", "cc2", "cc3",
-    "cc4", "cc5", "cc6", "cc7", "cc8", "cc9", "lanesCount", "ccAccel", "ccDecel", "tauEngine",
-    "c1", "xi", "omegaN",
+    "gapControlGainSpace", "collisionAvoidanceGainSpeed", "collisionAvoidanceGainSpace",
+    "speedControlMinGap", "applyDriverState", "tauLastStep", "k", "phi", "security", "estimation",
+    "tmp1", "tmp2", "tmp3", "tmp4", "tmp5", "cc1", "cc2", "cc3", "cc4", "cc5", "cc6", "cc7",
+    "cc8", "cc9", "lanesCount", "ccAccel", "ccDecel", "tauEngine", "c1", "xi", "omegaN",
     "constSpacing", "kp", "lambda", "ploegKp", "ploegKd", "ploegH", "flatbedKa", "flatbedKv",
-    "flatbedKp", "flatbedD",
-    "flatbedH", "speedControlGainCACC", "gapClosingControlGainGap", "gapClosingControlGainGapDot",
-    "gapControlGainGap",
-    "gapControlGainGapDot", "collisionAvoidanceGainGap", "collisionAvoidanceGainGapDot",
-    "collisionAvoidanceOverride",
+    "flatbedKp", "flatbedD", "flatbedH", "speedControlGainCACC", "gapClosingControlGainGap",
+    "gapClosingControlGainGapDot", "gapControlGainGap", "gapControlGainGapDot",
+    "collisionAvoidanceGainGap", "collisionAvoidanceGainGapDot", "collisionAvoidanceOverride",
 )  # fmt: skip
 """Attributes of a vType that describe how it follows; `VehicleSettings` describe the body."""
 PARAMETER = "carFollowModel."
@@ -304,8 +296,7 @@ DOORS = {
 """Maker of a controller from the rest of a locator and the folder where its paths start, by the
 locator's scheme.
 
-Texts, because these modules build on this one, and because an evaluation loads only those that it
-uses.
+Texts, because these modules import this one.
 """
 
 
@@ -320,8 +311,7 @@ _IN_THEIR_OWN_TIME = ("sumo", "traci")  # schemes that take no `period`
 
 SUMO_MODELS = (
     "Krauss", "KraussOrig1", "KraussPS", "PWagner2009", "BKerner", "IDM", "IDMM", "EIDM",
-    "SmartSK", "Wiedemann", "W99",
-    "Daniel1", "ACC", "CACC", "CC",
+    "SmartSK", "Wiedemann", "W99", "Daniel1", "ACC", "CACC", "CC",
 )  # fmt: skip
 """Car-following models of SUMO that can drive the ego by themselves."""
 
@@ -360,8 +350,8 @@ def find_controller(locator: str, folder: Path | None = None) -> Any:
     target = SHIPPED.get(locator, locator)
     _check_form(target)
     loaded = load_object(target, folder, "ADS")
-    # a class of another tool is for `adapted` to refuse, with a better message
-    if not (inspect.isclass(loaded) and _foreign(loaded, locator)):
+    if inspect.isclass(loaded):
+        _refuse_foreign(loaded, locator)
         check_options(loaded, entry.options, locator)
     return loaded
 
@@ -386,13 +376,13 @@ def _check_form(locator: str) -> None:
 
 # endings of files of weights
 _WEIGHTS = (".zip", ".pt", ".pth", ".pkl", ".npz", ".h5", ".keras", ".safetensors")
-_BY_SCHEME = {
+_ADAPTERS = {
     "carla": "carla_agent.py:CarlaAgent",
     "smarts": "smarts_agent.py:SmartsAgent",
     "nuplan": "nuplan_planner.py:NuPlanPlanner",
     "commonroad": "commonroad_planner.py:CommonRoadPlanner",
 }
-"""The adapters of docs/examples/adapters, by the tool whose ADSs they drive."""
+"""Locators of the adapters of docs/examples/adapters, by the tool whose ADSs they drive."""
 
 
 def _other_way(locator: str) -> str | None:
@@ -420,8 +410,8 @@ def _other_way(locator: str) -> str | None:
 
 def _other_scheme(scheme: str, rest: str) -> str | None:
     """Hint for a locator whose scheme is none of `DOORS`; None: no hint."""
-    if scheme in _BY_SCHEME and ":" in rest:
-        return f"{_adapter(_BY_SCHEME[scheme], rest)} drives it"
+    if scheme in _ADAPTERS and ":" in rest:
+        return _driven_by(scheme, rest)
     if scheme in ("ros2", "ros"):
         return "a node that `exec:` starts drives a ROS 2 stack (docs/ads/ros2.md)"
     if scheme in ("grpc", "http", "https", "tcp", "zmq"):
@@ -432,9 +422,13 @@ def _other_scheme(scheme: str, rest: str) -> str | None:
     return None
 
 
-def _adapter(name: str, agent: str) -> str:
-    """Words for the locator of an agent of another tool, with its adapter `name`."""
-    return f"`{name}?options.agent={agent}` with the files of docs/examples/adapters"
+def _driven_by(tool: str, agent: str) -> str:
+    """Hint at the adapter that drives an agent of another tool.
+
+    agent: its locator.
+    """
+    locator = f"{_ADAPTERS[tool]}?options.agent={agent}"
+    return f"`{locator}` with the files of docs/examples/adapters drives it"
 
 
 def knows_the_scripts(driver: Any) -> bool:
@@ -507,11 +501,12 @@ def adapted(target: Any, described: str, options: Mapping[str, Any]) -> Adapter:
     options: of its entry.
     """
     try:
-        if refusal := _foreign(target, described):
-            raise InputError(refusal)
+        _refuse_foreign(target, described)
         kind: Any = target if inspect.isclass(target) else type(target)
-        is_async = inspect.iscoroutinefunction(target)
-        if name := getattr(target, "__name__", described) if is_async else _async_method(kind):
+        name = _async_method(kind)
+        if inspect.iscoroutinefunction(target):
+            name = getattr(target, "__name__", described)
+        if name:
             raise InputError(
                 f"`{name}` of ADS `{described}` must not be `async`, as nothing awaits it: it may "
                 "call `asyncio.run`."
@@ -520,7 +515,7 @@ def adapted(target: Any, described: str, options: Mapping[str, Any]) -> Adapter:
             target = made(target, options, described)
         elif options and isinstance(target, Adapter) and hasattr(target, "options"):  # a program
             target.options = dict(options)
-            _own_model(target)  # refused before the first case
+            _own_model(target)  # an error of its options shows before the first case
         elif options:
             raise InputError(
                 f"ADS `{described}` takes no `options`: they are for a class or a program of "
@@ -577,7 +572,7 @@ def called_by(target: Any) -> str:
     """
     names = [name for name in ("act", "step") if callable(getattr(target, name, None))]
     own = (name for name in names if inspect.getattr_static(target, name, None) is not None)
-    return next(own, "".join(names[:1]))
+    return next(own, names[0] if names else "")
 
 
 FOREIGN = {
@@ -587,38 +582,34 @@ FOREIGN = {
     "predict": ("the models of stable-baselines3 have it", ""),
     "plan": ("CommonRoad's planners have it", "commonroad"),
 }
-"""By method with which ADSs of other tools are called: words on whose it is, and the tool if there
-is an adapter for it."""
+"""By method with which ADSs of other tools are called: words on whose it is, and the tool, a key of
+`_ADAPTERS`; "": there is no adapter."""
 _SMARTS = ("SMARTS's agents have it", "smarts")
 
 
 def adapter_for(target: Any) -> str:
-    """The adapter that drives an agent with another tool's interface, "" where there is none."""
-    tools = (tool for name, (_, tool) in FOREIGN.items() if callable(getattr(target, name, None)))
-    return _BY_SCHEME.get(next(tools, ""), "")
+    """Locator of the adapter that drives an agent with another tool's interface; "": there is none.
 
-
-def _foreign(target: Any, described: str) -> str | None:
-    """Reason why the ADS of another tool is refused, with the name of its adapter; None: it is not
-    such an ADS.
+    docs/examples/adapters/other_tools.py uses it.
     """
+    tools = (tool for name, (_, tool) in FOREIGN.items() if callable(getattr(target, name, None)))
+    return _ADAPTERS.get(next(tools, ""), "")
+
+
+def _refuse_foreign(target: Any, described: str) -> None:
+    """Raise InputError for the ADS of another tool; its message names the adapter."""
     kind = target if inspect.isclass(target) else type(target)
     if any(base.__module__.partition(".")[0] == "smarts" for base in kind.__mro__):
-        name, (whose, tool) = "act", _SMARTS
+        method, (whose, tool) = "act", _SMARTS
+    elif method := _foreign_method(target, kind):
+        whose, tool = FOREIGN[method]
     else:
-        name = _foreign_method(target, kind)
-        if not name:
-            return None
-        whose, tool = FOREIGN[name]
-    hint = (
-        f"{_adapter(_BY_SCHEME[tool], described)} drives it (docs/ads/other_simulators.md). Or "
-        if tool
-        else ""
-    )
-    return (
+        return
+    hint = f"{_driven_by(tool, described)} (docs/ads/other_simulators.md). Or " if tool else ""
+    raise InputError(
         f"ADS `{described}` must be a function (traci, ego, time), a class or an object with a "
-        f"`step` method, got {kind.__name__}. It has `{name}`, as {whose}: {hint}put it in a class "
-        "with `act(observation)` that calls it (docs/ads/observation.md)."
+        f"`step` method, got {kind.__name__}. It has `{method}`, as {whose}: {hint}put it in a "
+        "class with `act(observation)` that calls it (docs/ads/observation.md)."
     )
 
 
@@ -629,13 +620,13 @@ def _foreign_method(target: Any, kind: type) -> str:
     """
     # a generator, to stop at the first: a property with a later name may fail before a case
     methods = (it for it in ("act", "step", *FOREIGN) if callable(getattr(target, it, None)))
-    name = next(methods, "")
-    if isinstance(target, Adapter) or name not in FOREIGN:
+    method = next(methods, "")
+    if isinstance(target, Adapter) or method not in FOREIGN:
         return ""
     # a callable with arguments counts as a function; CARLA's agents are callable without any
     call = getattr(kind, "__call__", None)  # noqa: B004
     is_function = inspect.isfunction(call) and len(inspect.signature(call).parameters) > 1
-    return "" if is_function else name
+    return "" if is_function else method
 
 
 def _takes_one_argument(function: Callable[..., Any]) -> bool:

@@ -141,13 +141,11 @@ def made_absolute(locator: str, folder: Path) -> str:
     return f"{folder / module}:{name}" if module.endswith(".py") else locator
 
 
-def check_options(kind: Any, options: Options, described: str) -> None:
+def check_options(kind: type, options: Options, described: str) -> None:
     """Raise InputError for options that the constructor of a class does not take.
 
-    kind: a class; anything else passes. described: the ADS, for the message.
+    described: the ADS, for the message.
     """
-    if not inspect.isclass(kind):
-        return
     try:
         signature = inspect.signature(kind)
     except (TypeError, ValueError):
