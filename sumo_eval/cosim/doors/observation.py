@@ -65,7 +65,8 @@ def limits_of(conditions: ConditionSettings) -> tuple[float, ...]:
 
 _NO_LIMITS = limits_of(ConditionSettings())
 # Indices in `limits_of`.
-_DELAY, _MISS, _FIELD_OF_VIEW, _OCCLUSION = 0, 1, 5, 6
+_DELAY, _MISS = 0, 1
+_FIELD_OF_VIEW, _OCCLUSION = 5, 6
 _NOISE = [2, 2, 3]  # of x, y and speed
 _CHANCE, _REACH = slice(1, 4), slice(4, 7)  # limits that need random numbers; that hide an actor
 
@@ -372,7 +373,7 @@ class Observation:
         return tuple(onto_the_line(np.stack(lane, 1), me) for lane in lanes)
 
     def plain(self) -> dict[str, Any]:
-        """What changes from step to step, as plain values, ready for JSON."""
+        """All values that may change in a step, plain, ready for JSON."""
         return {
             "time": round(self.time, 6), "ego": self.ego._asdict(),
             "lead": self.lead and self.lead._asdict(),
