@@ -223,7 +223,10 @@ class History:
     def _insert(self, table: str, rows: Sequence[tuple[Any, ...]]) -> None:
         for row in rows:
             places = ",".join("?" * len(row))
-            self._connection.execute(f"INSERT INTO {table} VALUES ({places})", row)  # noqa: S608
+            self._connection.execute(
+                f"INSERT INTO {table} VALUES ({places})",  # noqa: S608
+                [_utf8(value) if isinstance(value, str) else value for value in row],
+            )
 
     def accepted(self) -> list[Accepted]:
         """Everything that was accepted, the oldest first."""
@@ -347,6 +350,11 @@ def _columns(connection: sqlite3.Connection, table: str) -> set[str]:
     """Names of a table's columns; none without such a table."""
     # a row has the number of a column, its name, and more
     return {name for _, name, *_ in connection.execute(f"PRAGMA table_info({table})")}
+
+
+def _utf8(text: str) -> str:
+    """A text that SQLite can keep: a path or a reason in it may have bytes that are not UTF-8."""
+    return text.encode(errors="backslashreplace").decode()
 
 
 def is_begun(folder: Path) -> bool:

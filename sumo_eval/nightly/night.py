@@ -61,6 +61,7 @@ from sumo_eval.report.words import count
 from sumo_eval.results import Evaluation
 from sumo_eval.scoring.gate_settings import GateSettings
 from sumo_eval.settings.config import read_evaluation
+from sumo_eval.settings.toml_file import refuse_unfit
 from sumo_eval.whatif.search import CaseLevers, WhatIf
 
 NIGHTS = "nights"
@@ -282,12 +283,14 @@ def import_run(history: Path, run: Path, progress: Progress = quiet) -> Night:
 
     An imported night is a base only if it is accepted, because no gate was evaluated for it.
     """
+    path = str(run.resolve())
+    refuse_unfit(path, "The path of an imported run")  # the history could not name it
     # first: a failure must not leave an empty history, which `_refuse_without_history` accepts. Nor
     # may a night be refused because a run is scored here.
     evaluation = score(run, progress=progress)
     created = datetime.fromisoformat(str(evaluation.manifest["created"])).astimezone(UTC)
     words = "Imported; no gate evaluated it."
-    night = _line(evaluation, _name(created), str(run.resolve()), IMPORTED, words)
+    night = _line(evaluation, _name(created), path, IMPORTED, words)
     with (
         _only_one(history, f"{run} was not added: import it once that night has ended"),
         open_history(history, create=True) as database,

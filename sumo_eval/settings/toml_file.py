@@ -1,7 +1,7 @@
 """The one reader of the user's TOML files: every mistake in a file becomes an error message.
 
-Users: `cli/tools.py`, `extras/wheel/command.py`, `record/facts.py`, `scenario/file.py`,
-`settings/checked.py`, `settings/config.py`.
+Users: `cli/tools.py`, `extras/wheel/command.py`, `nightly/night.py`, `record/facts.py`,
+`scenario/file.py`, `settings/checked.py`, `settings/config.py`.
 """
 
 import os

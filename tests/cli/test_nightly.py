@@ -30,7 +30,7 @@ from sumo_eval import evaluate, open_run
 from sumo_eval.errors import InputError, StoppedError
 from sumo_eval.evaluation import score
 from sumo_eval.nightly import night
-from sumo_eval.nightly.history import HISTORY, open_history
+from sumo_eval.nightly.history import HISTORY, Accepted, open_history
 from sumo_eval.nightly.night import _clear_away, _prune, _refuse_without_room, run_night
 from sumo_eval.nightly.repeats import _differences, repeats_of
 from sumo_eval.record.store import open_store
@@ -459,6 +459,19 @@ def test_lost_pairs_fail_until_they_are_accepted(history, tmp_path):
     assert again.night.exit_status == 0
     assert again.night.base == result.night.night
     assert again.night.verdict.startswith("THE SAME as")
+
+
+def test_texts_that_are_not_utf8_lose_no_night(week, tmp_path):
+    """The sentence on lost pairs has the path of the history in it."""
+    latin = os.fsdecode(b"caf\xe9")
+    history = Path(shutil.copytree(week[1], tmp_path / latin))
+    result = run(evaluation(tmp_path, "2"), history)
+    assert nights(history)[-1].night == result.night.night
+    with open_history(history, create=True) as lines:
+        lines.accept(Accepted(result.night.night, "2026", latin, None, itself=False))
+        assert lines.accepted()[-1].reason == r"caf\udce9"
+    with refusal("The path of an imported run"):
+        night.import_run(tmp_path / "other", history / nights(history)[1].folder)
 
 
 def test_a_mistake_in_the_file_is_said_before_anything_is_touched(tmp_path):
