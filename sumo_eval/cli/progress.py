@@ -44,7 +44,7 @@ class _StageProgress:
         self.line_time = now  # when its latest plain line was printed, s
         self.finished = 0  # items in its latest `done` line
         self._under_way = False  # whether an item has ended since the first report
-        self._recent: list[_Burst] = []
+        self._bursts: list[_Burst] = []
 
     def note(self, now: float, done: int) -> None:
         """Remember the bursts of the last half minute.
@@ -52,7 +52,7 @@ class _StageProgress:
         The bursts before the first item that ends are dropped: during them rules are compiled and
         processes start, and items end later at another rate.
         """
-        recent = self._recent
+        recent = self._bursts
         if recent and now - recent[-1].begin < _BURST:
             recent[-1] = _Burst(recent[-1].begin, now, done)
         else:
@@ -70,7 +70,7 @@ class _StageProgress:
 
         unless: appended text on how the work may end sooner.
         """
-        first, last = self._recent[0], self._recent[-1]
+        first, last = self._bursts[0], self._bursts[-1]
         done, seconds = last.done - first.done, last.end - first.end
         if not self._under_way or last.done >= total or done < _FEWEST_DONE or seconds < _SHORTEST:
             return ""

@@ -22,7 +22,7 @@ from sumo_eval.nightly.history import Accepted, History, Night, is_begun, open_h
 from sumo_eval.results import Evaluation
 from sumo_eval.scoring.comparison import Comparison, side_by_side
 from sumo_eval.scoring.gate_settings import GateSettings
-from sumo_eval.text import timestamp
+from sumo_eval.text import duration_words, timestamp
 
 NIGHT = "night.json"
 
@@ -222,10 +222,10 @@ def finished_within(history: Path, age: str, now: datetime | None = None) -> tup
     elapsed = (now or datetime.now(UTC)) - began
     # a night before which the clock went back began in the future
     recent = abs(elapsed) <= timedelta(**{UNITS[parts[2]]: int(parts[1])})
-    hours = f"{abs(elapsed).total_seconds() / 3600.0:z.1f} h"
     return (
         recent,
-        f"The last finished night {night.night} began {hours} "
+        f"The last finished night {night.night} began "
+        f"{duration_words(abs(elapsed).total_seconds())} "
         f"{'ago' if elapsed >= timedelta() else 'from now'}, "
         f"{'within' if recent else 'more than'} {age}.",
     )

@@ -129,22 +129,25 @@ def _judge(
         if part is None:
             yield without_base(value=value)
         else:
-            yield _judge_change(limit, score, part, (bound, percent, unit), confidence)
+            yield _judge_change(limit, score, part, bound, percent, unit, confidence)
 
 
 def _judge_change(
     limit: LimitSettings,
     score: ScenarioResult,
     part: AdsComparison,
-    bound: tuple[float, str, str],
+    most: float,
+    percent: str,
+    unit: str,
     confidence: float,
 ) -> GateResult:
     """A limit on how much a number may become worse than in the base.
 
-    bound: (how much worse it may become, " %" if that is a share of the base's value or else "",
-        unit of the quantity).
+    most: how much worse it may become.
+    percent: " %" if that is a share of the base's value, else "".
+    unit: of the quantity.
     """
-    quantity, (most, percent, unit) = limit.quantity, bound
+    quantity = limit.quantity
     asked = _asked(limit, most, percent or unit)
     result = partial(GateResult, quantity, score.ads, score.scenario, bound=asked)
     if quantity in part.quantities:
@@ -245,9 +248,10 @@ def _judge_cases(
     if part is not None:
         before[part.changed.paired.new_rows], _ = part.comparable(name)
     for beyond, scale, words in _column_bounds(limit, before, after, unit):
-        # own: whether the bound is on the new run's values alone; a bound on a change has the
-        # base's values as its scale
-        own, known = scale is not before, int(np.isfinite(beyond).sum())
+        # whether the bound is on the new run's values alone: the scale of a bound on a change is
+        # the base's values
+        own = scale is not before
+        known = int(np.isfinite(beyond).sum())
         result = partial(
             GateResult, limit.quantity, score.ads, score.scenario, own=own, bound=words
         )

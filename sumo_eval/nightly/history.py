@@ -24,10 +24,9 @@ from sumo_eval.scoring.gate_settings import NearMissSettings
 HISTORY = "history.sqlite"
 FORMAT_VERSION = 1
 DONE, GATE_FAILED, NOT_EVALUATED = 0, 1, 3  # exit statuses of a night
+GOOD = DONE, NOT_EVALUATED  # of a night in which no limit failed
 REGRET_OF_LOSSES = "regret of losses"
 """Name of the regret in the history where it is one of losses, without unit; `regret` is in m/s."""
-GOOD = DONE, NOT_EVALUATED
-"""Exit statuses of a night in which no limit failed."""
 
 # fields of a `ScenarioResult` that the history keeps, in addition to its scores
 _KEPT = (
@@ -250,8 +249,8 @@ class History:
 
     def _read(self, table: str, kind: Any) -> list[Any]:
         """The lines of a table, the oldest first; none where an older history has no such table."""
-        there = _columns(self._connection, table)
-        names = ", ".join(name for name in kind._fields if name in there)
+        columns = _columns(self._connection, table)
+        names = ", ".join(name for name in kind._fields if name in columns)
         if not names:
             return []
         rows = self._connection.execute(

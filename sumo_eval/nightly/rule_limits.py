@@ -85,14 +85,17 @@ def _gone(comparison: Comparison) -> Iterator[str]:
     lost = [(it.ads, it.scenario) for it in groups if it.of and it.lost == it.of]
     driven = {(part.base_ads, part.scenario) for part in comparison.ads}
     driven |= {(it.ads, it.scenario) for it in groups if it.added}  # at other points
-    known = [{group[k] for group in driven} for k in (0, 1)]
-    for k, kind in enumerate(("ADS", "logical scenario")):
-        names = dict.fromkeys(group[k] for group in lost)
-        yield from (f"{kind} `{it}` of the base is missing" for it in names if it not in known[k])
+    driven_ads = {ads for ads, _ in driven}
+    driven_scenarios = {scenario for _, scenario in driven}
+    # as keys of a dict each stands once, in order
+    lost_ads = dict.fromkeys(ads for ads, _ in lost if ads not in driven_ads)
+    lost_scenarios = dict.fromkeys(it for _, it in lost if it not in driven_scenarios)
+    yield from (f"ADS `{ads}` of the base is missing" for ads in lost_ads)
+    yield from (f"logical scenario `{it}` of the base is missing" for it in lost_scenarios)
     yield from (
         f"`{ads}` has no case of the base's {scenario} any more"
         for ads, scenario in lost
-        if ads in known[0] and scenario in known[1]
+        if ads in driven_ads and scenario in driven_scenarios
     )
 
 

@@ -73,7 +73,9 @@ class Batches:
         self._remarks: dict[str, tuple[Alone, str]] = {}  # by key of a case, see `remark`
         self._running = 0  # batches that were taken and have not ended
         self._largest_of: dict[Kind, int] = {}  # size of the next batches of a kind, at most
-        self._in_time: dict[Kind, int] = {}  # size beyond which batches of a kind take too long
+        self._largest_in_time: dict[
+            Kind, int
+        ] = {}  # size beyond which batches of a kind take too long
         # Cases that ended in batches, by locator of their ADS on TraCI: the latest as objects in
         # `_batched`, earlier ones compressed. All run again if the ADS turns out to keep state
         # between cases; `_keeps_state` then has the reason.
@@ -160,7 +162,7 @@ class Batches:
         kind = _kind(batch[0])
         size = self._largest_of.get(kind, 1)  # 1: no failure, so nothing to restore
         if size > 1:
-            self._largest_of[kind] = min(2 * size, self._in_time.get(kind, self._largest))
+            self._largest_of[kind] = min(2 * size, self._largest_in_time.get(kind, self._largest))
 
     def record_failure(
         self, batch: Batch, why: Sequence[Alone], printed: str, *, too_slow: bool = False
@@ -176,7 +178,7 @@ class Batches:
         size = max(min(len(batch), self._largest_of.get(kind, self._largest)) // _CUT, 1)
         self._largest_of[kind] = size
         if too_slow:
-            self._in_time[kind] = size
+            self._largest_in_time[kind] = size
         for number, (case, reason) in enumerate(zip(batch, why, strict=True)):
             self.run_alone(case, reason, "" if number else printed)
         if why[0].why == "keeps_state":

@@ -344,14 +344,14 @@ def in_rounds(run: Resolved, folder: Path | None) -> Resolved:
 
     folder: of a run to resume; None: a new run.
     """
-    before = {}
+    recorded = {}  # sampling of each scenario of the run in the folder
     if folder is not None and run_folder.is_run(folder):
-        recorded = read_evaluation(folder / run_folder.EVALUATION).scenario
-        before = {entry.use: entry.sampling for entry in recorded}
+        entries = read_evaluation(folder / run_folder.EVALUATION).scenario
+        recorded = {entry.use: entry.sampling for entry in entries}
 
     def with_rounds(entry: ScenarioSettings) -> ScenarioSettings:
         sampling = entry.sampling
-        earlier = before.get(entry.use)
+        earlier = recorded.get(entry.use)
         if sampling.method != "adaptive" or sampling.count is None:
             return entry
         if earlier is not None and not sampling.rounds:
@@ -365,23 +365,22 @@ def in_rounds(run: Resolved, folder: Path | None) -> Resolved:
         )
         return replace(entry, sampling=replace(sampling, round=size))
 
-    entries = tuple(map(with_rounds, run.settings.scenario))
-    return replace(run, settings=replace(run.settings, scenario=entries))
+    scenario = tuple(map(with_rounds, run.settings.scenario))
+    return replace(run, settings=replace(run.settings, scenario=scenario))
 
 
 def merge(shards: Sequence[Path], out: Path) -> Recorded:
     """Put all shards of an evaluation together into a new run folder."""
     settings = run_folder.read_settings(shards[0])
     manifest = run_folder.read_manifest(shards[0])
+    numbers = [_shard_of(folder, shards[0], settings, manifest) for folder in shards]
+    _, count = numbers[0]
     folders: dict[int, Path] = {}  # by number of the shard
-    count = 0
-    for folder in shards:
-        number, n = _shard_of(folder, shards[0], settings, manifest)
-        count = count or n
-        if n != count:
-            raise InputError(f"{folder} is shard {number}/{n}, among shards of {count}.")
+    for folder, (number, its_count) in zip(shards, numbers, strict=True):
+        if its_count != count:
+            raise InputError(f"{folder} is shard {number}/{its_count}, among shards of {count}.")
         if number in folders:
-            raise InputError(f"{folder} and {folders[number]} are both shard {number}/{n}.")
+            raise InputError(f"{folder} and {folders[number]} are both shard {number}/{count}.")
         folders[number] = folder
     missing = [f"{number}/{count}" for number in range(1, count + 1) if number not in folders]
     if missing:
@@ -402,11 +401,12 @@ def merge(shards: Sequence[Path], out: Path) -> Recorded:
         # of the scenarios as they were driven: their files may have changed since
         run_folder.write_exposures(out, run_folder.read_exposures(shards[0]))
         store.seal()
-        mixed = {ads: file for ads, file, digest in store.files_read() if digest == UNKNOWN}
+        # of each ADS one file of which the shards have read different versions
+        changed = {ads: file for ads, file, digest in store.files_read() if digest == UNKNOWN}
         notes = (
             f"ADS `{clean(ads)}` may have driven with more than one version of {clean(file)}: its "
             "scores would mix them."
-            for ads, file in mixed.items()
+            for ads, file in changed.items()
         )
         return replace(_counted(store), notes=tuple(notes))
 

@@ -68,9 +68,9 @@ class FactsFile:
             raise
 
     def _begin(self, create: bool) -> None:
-        write = self._connection.execute
+        execute = self._connection.execute
         try:
-            (version,) = write("PRAGMA user_version").fetchone()
+            (version,) = execute("PRAGMA user_version").fetchone()
             if create and version == 0:
                 self._connection.executescript(
                     f"BEGIN; {SCHEMA} PRAGMA user_version = {FORMAT_VERSION}; COMMIT;"
@@ -80,12 +80,11 @@ class FactsFile:
                 # WAL: whole after kill -9; a power cut may cost the last cases, which a resumed run
                 # simulates again.
                 if create:
-                    write("PRAGMA journal_mode = WAL")
-                for name in LATER.keys() - {
-                    it for (it,) in write("SELECT name FROM sqlite_master")
-                }:
-                    write(f"CREATE {'' if create else 'TEMP'} TABLE {name} {LATER[name]}")
-                write("PRAGMA synchronous = NORMAL" if create else "PRAGMA query_only = ON")
+                    execute("PRAGMA journal_mode = WAL")
+                tables = {name for (name,) in execute("SELECT name FROM sqlite_master")}
+                for name in LATER.keys() - tables:  # tables that later versions have added
+                    execute(f"CREATE {'' if create else 'TEMP'} TABLE {name} {LATER[name]}")
+                execute("PRAGMA synchronous = NORMAL" if create else "PRAGMA query_only = ON")
         except _UNREADABLE as error:
             raise InputError(
                 f"{self.path} is not a facts file of a run, or cannot be used: {error}."

@@ -175,7 +175,7 @@ class Pool:
         self._items_per_child = items_per_child
         self._children: list[_Child] = []
         self._numbers = count(1)  # of items: a frame is accepted for its own item only
-        self._looked = monotonic()  # end of the last wait for children, s
+        self._last_wait_end = monotonic()  # s
 
     def __enter__(self) -> Pool:
         # a killed child leaves SUMO's files behind: they are in this folder, which the pool deletes
@@ -247,6 +247,7 @@ class Pool:
         affinity = work.affinity(item)
         deadline = self._limits.case_timeout
         for child in [it for it in self._children if it not in busy and it.affinity == affinity]:
+            # a child that cannot take the item has served its time
             if child.items < self._items_per_child and child.is_quiet():
                 with suppress(OSError):  # it has died since the check
                     child.give(work, item, next(self._numbers), deadline)
@@ -266,7 +267,7 @@ class Pool:
         The time between two calls, in which this process ends children and writes results, is added
         to all deadlines.
         """
-        away = monotonic() - self._looked
+        away = monotonic() - self._last_wait_end
         watch = selectors.PollSelector()
         for child in busy:
             child.deadline += away
@@ -275,7 +276,7 @@ class Pool:
         wait = min(child.deadline for child in busy) - monotonic()
         for key, _ in watch.select(min(max(wait, 0.0), _LONGEST_WAIT)):
             key.data()  # the function that handles this pipe (`watched`)
-        self._looked = monotonic()
+        self._last_wait_end = monotonic()
 
     def _drop(self, child: _Child) -> None:
         self._children.remove(child)
@@ -311,10 +312,12 @@ class _Child:
         self._item: Any = None
         self._folder = Path(tempfile.mkdtemp(dir=scratch))
         self._log = BoundedLog()
-        self._to_send = memoryview(b"")
+        self._to_send = memoryview(b"")  # what the pipe for orders has not taken yet
         # bytes: while a child makes a frame, it holds the frame's values twice
-        self._longest = 0.5 * MEGABYTE * memory_limit
-        self._reader = FrameReader(0, self._longest)  # of no item: the child must not answer yet
+        self._longest_frame = 0.5 * MEGABYTE * memory_limit
+        self._reader = FrameReader(
+            0, self._longest_frame
+        )  # of no item: the child must not answer yet
         self._answer: _Answer | None = None
         self._fault = ""  # what is wrong with that frame; continues "the process that ran ..."
         self._last_report: Report | None = None
@@ -338,7 +341,7 @@ class _Child:
         """
         order = pickle.dumps(((work.task, item, work.shared), (deadline, number)))
         read = partial(_read_answer, work, item)
-        self._item, self._reader = item, FrameReader(number, self._longest, read)
+        self._item, self._reader = item, FrameReader(number, self._longest_frame, read)
         self._answer = None
         self._fault, self._to_send = "", memoryview(_LENGTH.pack(len(order)) + order)
         self.items += work.size(item)
@@ -374,7 +377,6 @@ class _Child:
         if (end := self._how_it_ended()) is None:
             return None
         how, why = end
-        # share of the wall time since its item was given in which no processor worked on it
         wall = max(monotonic() - self._begun, 1e-9)
         idle = min(max(1.0 - (processor_time(self._process.pid) - self._used) / wall, 0.0), 1.0)
         answer = self._answer if how == "done" else None
@@ -477,15 +479,15 @@ def _serve(ends: Sequence[int], memory_limit: float, scratch: str) -> None:
     # Limit the process's own data to the memory limit less the shared part (column 2), so that an
     # allocation fails before the supervisor has to end the process.
     pid = os.getpid()
-    limit = max(int(memory_limit * MEGABYTE - memory(pid, 2)), 1)
-    resource.setrlimit(resource.RLIMIT_DATA, (limit, limit))
-    limits = _resource_limits()
+    own_limit = max(int(memory_limit * MEGABYTE - memory(pid, 2)), 1)
+    resource.setrlimit(resource.RLIMIT_DATA, (own_limit, own_limit))
+    limits_before = _resource_limits()
     tempfile.tempdir = scratch
     faulthandler.enable(file=2)
     c_library = ctypes.CDLL(None)
     forks: list[bool] = []  # has an entry once this process has forked
     os.register_at_fork(after_in_parent=lambda: forks.append(True))
-    threads = len(sys._current_frames())
+    threads_before = len(sys._current_frames())
     while (head := _read(orders, _LENGTH.size)) and (order := _read(orders, *_LENGTH.unpack(head))):
         (task, item, shared), (deadline, number) = pickle.loads(order)  # noqa: S301 - the owner's
         os.makedirs(scratch, exist_ok=True)  # another ADS may have removed it
@@ -504,12 +506,12 @@ def _serve(ends: Sequence[int], memory_limit: float, scratch: str) -> None:
             with suppress(Exception):  # an ADS may have replaced them by anything
                 stream.flush()
         c_library.fflush(None)
-        left, twice = _left_processes(patience=_COPY_TIME if forks else 0.0)
+        has_children, twice = _left_processes(patience=_COPY_TIME if forks else 0.0)
         is_last = (
-            left
-            or memory(pid, 5) > _FULL * limit  # column 5: own data
-            or len(sys._current_frames()) > threads
-            or _resource_limits() != limits
+            has_children
+            or memory(pid, 5) > _FULL * own_limit  # column 5: own data
+            or len(sys._current_frames()) > threads_before
+            or _resource_limits() != limits_before
         )
         data = memoryview(frame([is_last, twice, refusal, answer], number))
         while data:
@@ -551,16 +553,16 @@ def _left_processes(patience: float) -> tuple[bool, bool]:
     patience: time to wait for the end of running ones, s.
     """
     until = monotonic() + patience
-    left = twice = False
+    has_children = twice = False
     while True:
         try:
             pid, status = os.waitpid(-1, os.WNOHANG)
         except ChildProcessError:
-            return left, twice
-        left = True
+            return has_children, twice
+        has_children = True
         if pid:
             twice = twice or os.waitstatus_to_exitcode(status) == COPY
         elif monotonic() >= until:
-            return left, twice
+            return has_children, twice
         else:
             sleep(0.002)
