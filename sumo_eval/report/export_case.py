@@ -61,7 +61,7 @@ def export_case(run: Path, case: str, out: Path) -> Exported:
     alone = _evaluation(resolved, entry, fact, f"{stem}.csv")
     line = f"{_importing(alone, source)}sumo-eval run {stem}.toml --out again"
     texts = case_files(
-        concrete, settings.simulation, concrete.road.name, stem,
+        concrete, settings.simulation, file_stem(concrete.road.name), stem,
         origin=f"{stem}.toml beside this file drives the whole case again."
     ) | {
         f"{stem}.xodr": opendrive_xml(concrete.road),

@@ -29,6 +29,7 @@ from sumo_eval.settings.config import read_evaluation, to_toml
 
 FILE_PAGE = (ROOT / "docs" / "reference" / "scenario_file.md").read_text()
 SLOW_TRUCK = re.findall(r"```toml\n(name = .*?)```", FILE_PAGE, re.DOTALL)[0]
+SLOW_TRUCK = SLOW_TRUCK.replace("[ego]", '[road]\nname = "../my road"\n\n[ego]')
 
 EVALUATION = """
 name = "exported"
@@ -184,6 +185,7 @@ def test_a_name_that_is_not_a_file_name_becomes_one(run, tmp_path):
     exported = export_case(run, "slow_truck-0000-beside it/--x", tmp_path)
     assert {path.parent for path in exported.paths} == {tmp_path}
     assert "slow_truck-0000-beside_it__-x.toml" in {path.name for path in exported.paths}
+    assert ".._my_road.net.xml" in {path.name for path in exported.paths}
     assert exported.line.startswith("sumo-eval run slow_truck-0000-beside_it__-x.toml ")
     alone = (tmp_path / "slow_truck-0000-beside_it__-x.toml").read_text()
     assert f'"{run.parent}/neighbour.py:drive"' in alone, (

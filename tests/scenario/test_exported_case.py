@@ -48,6 +48,12 @@ def test_exported_case_drives_to_the_same_digest(tmp_path, name):
         assert digest(simulate(again, controller)) == digest(simulate(case, controller))
 
 
+def test_a_road_of_any_name_is_imported(tmp_path):
+    case = middle("front_vehicle_braking")
+    case = replace(case, road=replace(case.road, name="my road"))
+    assert concrete(read_file(exported(tmp_path, case)), {}).road == case.road
+
+
 def test_exported_case_refuses_another_ego_or_road(tmp_path):
     case = middle("front_vehicle_braking")
     path = exported(tmp_path, case)
