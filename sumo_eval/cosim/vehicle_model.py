@@ -56,11 +56,10 @@ class Command:
     def __init__(
         self, acceleration: Any = ..., steering: float = 0.0, *, speed: float | None = None
     ) -> None:
-        # nan and a speed: a Command with another speed or steering by `dataclasses.replace`
-        if (acceleration is ...) == (speed is None) and (
-            speed is None or acceleration == acceleration
-        ):
-            got = "neither" if speed is None else "both"
+        # `dataclasses.replace` of a Command with a speed hands over its acceleration, nan: none given
+        accelerates = acceleration is not ... and (speed is None or acceleration == acceleration)
+        if accelerates == (speed is not None):
+            got = "both" if accelerates else "neither"
             raise TypeError(f"a Command takes an acceleration or a speed, got {got}")
         _SET_ACCELERATION(self, math.nan if acceleration is ... else acceleration)
         _SET_STEERING(self, steering)
@@ -143,14 +142,14 @@ def move(
     At the end of every step the total acceleration is at most friction * g.
     """
     if steering == 0.0 and ego.steering == 0.0:  # straight: nearly every step
-        end = curvature = lateral = 0.0
+        steering_end = curvature = lateral = 0.0
     else:
-        end, curvature, lateral = _steer(ego, wanted, steering, limits, step, clips)
+        steering_end, curvature, lateral = _steer(ego, wanted, steering, limits, step, clips)
         if lateral > KINEMATIC_UP_TO:
             count_clip(clips, _BEYOND_KINEMATIC, ego.time, lateral, KINEMATIC_UP_TO)
     target = _limit_acceleration(wanted, lateral, limits, ego.time, clips)
     _along_arc(at, _drive_within(ego, target, limits, step, clips), curvature, limits.wheelbase)
-    ego.steering = end
+    ego.steering = steering_end
 
 
 @kernel
@@ -253,9 +252,10 @@ def move_dynamic(
     end_speed, ego.steering = ego.speed, end
     if speed < _SLOWEST_SLIP or end_speed < _SLOWEST_SLIP:
         _along_arc(at, distance, _curvature(0.5 * (begin + end), limits), limits.wheelbase)
-        bend = _curvature(end, limits)
-        behind = (1.0 - limits.front_share) * limits.wheelbase
-        ego.slip, ego.yaw_rate = math.atan(behind * bend), end_speed * bend
+        curvature = _curvature(end, limits)
+        # m from the rear axle, whose tyres do not slip, to the centre of gravity
+        rear = (1.0 - limits.front_share) * limits.wheelbase
+        ego.slip, ego.yaw_rate = math.atan(rear * curvature), end_speed * curvature
         return
     # m by which the centre of gravity is ahead of `at`, which is midway between the axles
     ahead = (0.5 - limits.front_share) * limits.wheelbase
@@ -288,12 +288,12 @@ def move_dynamic(
         course = 0.5 * (course + heading + slip)  # the part's mean
         x += path * math.cos(course)
         y += path * math.sin(course)
-    # lateral, m/s2: `most`, from here on, of linear tyres; `held`: what the friction circle leaves
-    # beside the acceleration at the start of the step
-    most *= limits.friction * GRAVITY
-    held = _grip_left(limits, acceleration)
-    if most > held:
-        count_clip(clips, _LATERAL_FRICTION, ego.time, most, held)
+    # lateral acceleration, m/s2: of linear tyres, and what the friction circle leaves beside the
+    # acceleration at the start of the step
+    linear = most * (limits.friction * GRAVITY)
+    grip = _grip_left(limits, acceleration)
+    if linear > grip:
+        count_clip(clips, _LATERAL_FRICTION, ego.time, linear, grip)
     at.x, at.y, at.heading = x - ahead * math.cos(heading), y - ahead * math.sin(heading), heading
     ego.slip, ego.yaw_rate = slip, yaw_rate
 
@@ -365,8 +365,8 @@ def grip_steering_wheel_angle(speed: float, limits: Any, longitudinal: float = 0
 
     v^2 tan(angle / steering ratio) / wheelbase = sqrt((mu g)^2 - longitudinal^2).
     """
-    held = math.atan2(_grip_left(limits, longitudinal) * limits.wheelbase, speed * speed)
-    return float(held * limits.steering_ratio)
+    wheel = math.atan2(_grip_left(limits, longitudinal) * limits.wheelbase, speed * speed)
+    return float(wheel * limits.steering_ratio)
 
 
 @kernel
@@ -377,8 +377,9 @@ def _limit_acceleration(
 
     lateral: acceleration across, which uses part of the friction circle, m/s2.
     """
-    strongest, most = -limits.max_deceleration, limits.max_acceleration
-    granted = _held(requested, strongest, most, clips, _ACCELERATION, time)
+    granted = _held(
+        requested, -limits.max_deceleration, limits.max_acceleration, clips, _ACCELERATION, time
+    )
     grip = _grip_left(limits, lateral)
     held = min(max(granted, -grip), grip)
     if abs(held - granted) > _GRANTED:
