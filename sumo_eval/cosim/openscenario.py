@@ -64,7 +64,7 @@ _RECORDS: dict[str, Any] = {
 
 def _written(_: object, value: float) -> str:
     """A number as an attribute's text, to six decimals."""
-    return f"{value:.6f}".rstrip("0").rstrip(".") if value else "0"
+    return f"{value:z.6f}".rstrip("0").rstrip(".")  # z: 0 for -0
 
 
 E: Any = ElementMaker(typemap={float: _written, int: _written, np.float64: _written})
@@ -77,7 +77,8 @@ def opendrive_xml(road: Road) -> str:
     the right lane's centre line, and lanes are offset from it, as an offset of a spiral is not one.
     """
     length = road.end
-    aside = 0.0 if road.bent else road.left_edge  # m from the road's line left to the reference
+    # m, distance of the reference line to the left of the road's line
+    aside = 0.0 if road.bent else road.left_edge
     changes = {it for span in road.spans for it in span.places if 0.0 < it < length}
     sections = list(itertools.pairwise([0.0, *sorted(changes), length]))
     # lane numbers (`_numbers`) of each section, with none before the first and after the last
@@ -103,6 +104,7 @@ def _left_edge(road: Road, sections: Sequence[tuple[float, float]], aside: float
     left = road.span(road.lanes - 1)
     if left is not EVERYWHERE:  # the left edge moves with the end of the leftmost lane
         for begin, end in sections:
+            # m, offsets at both ends
             first, last = (
                 road.left_edge - aside - road.lane_width * gone for gone in _gone(left, begin, end)
             )
@@ -315,7 +317,7 @@ def _act(concrete: ConcreteScenario, settings: SimulationSettings, recorded: Tra
     recorded: trajectories by vehicle.
     """
     vertices = _scripted_vertices(concrete, settings)
-    # the motion of a lively actor depends on more than time: it follows its recorded trajectory
+    # the motion of the ego and of lively actors depends on more than time
     for name in (EGO, *(actor.name for actor in concrete.actors if actor.lively)):
         if path := recorded.get(name):
             vertices[name] = np.column_stack([path.time, path.x, path.y, path.heading])
