@@ -189,13 +189,14 @@ class Executor:
         speed = ego[3]
         gains = self._gains
         limits = self._vehicle
-        plan = track.at(time)
-        direction, plan_speed = plan[2:]
-        dx, dy = plan[0] - x, plan[1] - y
+        (plan_x, plan_y), direction, plan_speed = track.at(time)
+        dx, dy = plan_x - x, plan_y - y
         behind = dx * cos(direction) + dy * sin(direction)
-        planned = (track.at(time + self._step)[3] - plan_speed) / self._step  # dv_plan/dt, m/s2
+        next_speed = track.at(time + self._step)[2]
         acceleration = (
-            planned + gains.speed_gain * (plan_speed - speed) + gains.position_gain * behind
+            (next_speed - plan_speed) / self._step  # dv_plan/dt, m/s2
+            + gains.speed_gain * (plan_speed - speed)
+            + gains.position_gain * behind
         )
         _finite("acceleration", acceleration, "Plan")  # of times that hardly differ it is not
         if time > track.end + SAME_TIME:
@@ -229,7 +230,7 @@ class _FollowedPlan:
     """
 
     def __init__(self, plan: Plan, ego: _Numbers, wheelbase: float) -> None:
-        numbers = _checked_numbers(plan)
+        numbers = _checked_fields(plan)
         time, x, y = numbers["time"], numbers["x"], numbers["y"]
         self.end = time[-1]
         self._time, self._x, self._y = time, x, y
@@ -241,29 +242,24 @@ class _FollowedPlan:
         )
         self._speed = numbers.get("speed") or _speeds(time, x, y, ego_speed)
         half = 0.5 * wheelbase
-        self._front_x = [at + half * cos(psi) for at, psi in zip(x, self._heading, strict=True)]
-        self._front_y = [at + half * sin(psi) for at, psi in zip(y, self._heading, strict=True)]
+        self._front_x = [it + half * cos(psi) for it, psi in zip(x, self._heading, strict=True)]
+        self._front_y = [it + half * sin(psi) for it, psi in zip(y, self._heading, strict=True)]
         self._tangent = _directions(self._front_x, self._front_y, self._heading[0])
         # segments of the last results of `at` and of `beside`: the next search begins there, and
         # goes forward only
         self._segment_in_time = self._segment_in_place = 0
 
-    def at(self, time: float) -> tuple[float, float, float, float]:
-        """x, y, heading and speed at a time; outside the plan's times along the straight line
+    def at(self, time: float) -> tuple[tuple[float, float], float, float]:
+        """Place, heading and speed at a time; outside the plan's times along the straight line
         through its first or last point, at that point's speed.
         """
         times = self._time
-        last = len(self._time) - 1
-        if time <= times[0] or time >= times[last]:
-            i = 0 if time <= times[0] else last
+        if not times[0] < time < times[-1]:
+            i = 0 if time <= times[0] else -1
             driven = self._speed[i] * (time - times[i])
             psi = self._heading[i]
-            return (
-                self._x[i] + driven * cos(psi),
-                self._y[i] + driven * sin(psi),
-                psi,
-                self._speed[i],
-            )
+            place = self._x[i] + driven * cos(psi), self._y[i] + driven * sin(psi)
+            return place, psi, self._speed[i]
         i = self._segment_in_time
         while times[i + 1] < time:
             i += 1
@@ -275,7 +271,7 @@ class _FollowedPlan:
         def within(values: _Numbers) -> float:
             return values[i] + share * (values[i + 1] - values[i])
 
-        return within(self._x), within(self._y), within(self._heading), within(self._speed)
+        return (within(self._x), within(self._y)), within(self._heading), within(self._speed)
 
     def beside(self, x: float, y: float) -> tuple[float, float] | None:
         """Direction of the front axle's path beside a place, rad, and m by which the path lies to
@@ -304,12 +300,12 @@ class _FollowedPlan:
         return theta + share * (self._tangent[i + 1] - theta), left
 
 
-def _checked_numbers(plan: Plan) -> dict[str, list[float]]:
+def _checked_fields(plan: Plan) -> dict[str, list[float]]:
     """The fields of a plan that are given, as numbers; all of one length, with increasing times."""
-    numbers = {name: _numbers(name, getattr(plan, name)) for name in ("time", "x", "y")}
+    numbers = {name: _numbers_of(name, getattr(plan, name)) for name in ("time", "x", "y")}
     for name in ("heading", "speed"):
         if getattr(plan, name) is not None:
-            numbers[name] = _numbers(name, getattr(plan, name))
+            numbers[name] = _numbers_of(name, getattr(plan, name))
     time = numbers["time"]
     for name, values in numbers.items():
         if len(values) != len(time):
@@ -357,7 +353,7 @@ def _speeds(time: _Numbers, x: _Numbers, y: _Numbers, ego_speed: float) -> list[
     return [max(speed, 0.0) for speed in speeds.tolist()]  # second order may extrapolate below 0
 
 
-def _numbers(name: str, values: Any) -> list[float]:
+def _numbers_of(name: str, values: Any) -> list[float]:
     """A field of a plan as a list of numbers, each up to `_LARGEST`."""
     plain = values.tolist() if hasattr(values, "tolist") else values
     if not isinstance(plain, Sequence) or isinstance(plain, str) or not plain:
