@@ -78,7 +78,8 @@ class EgoMotion:
         # 1/m, at both ends of the pieces of the road's line, and 0
         self._curvatures = {0.0, *end_curvatures(self.road.line)}
         self.curvature = 0.0
-        # the last step that was read here, and its motion's direction, relative to the road, rad
+        # of the last motion that was read here: the world's `steps` before it, and its direction
+        # relative to the road, rad
         self._course = 0, 0.0
         self._lane_end = 0.0  # x of its lane's end, m; in a curve off by less than `_NEAR_END`
         self._lanes = 0, 0  # on a curved road: its lane before and after the last step
@@ -113,7 +114,7 @@ class EgoMotion:
         step = self._step
         if front_x < self._lane_end - _NEAR_END:  # the common case, without a call of SUMO
             return False
-        self._lane_end = front_x + _left_of_lane(self._stage, self.ego)
+        self._lane_end = front_x + _to_lane_end(self._stage, self.ego)
         reach = step * (self.state[_LANE_SPEED] + self.limits.max_acceleration * step)
         return bool(self._lane_end <= front_x + reach)
 
@@ -138,7 +139,8 @@ class EgoMotion:
         state = self.state
         # without a speed in `GUARD`, calls for the ego's speed and position ask SUMO again
         GUARD.speeds.pop(self.ego, None)
-        state[_LANE_SPEED], self._course = state[SPEED], (self._world.steps, state[HEADING])
+        state[_LANE_SPEED] = state[SPEED]
+        self._course = self._world.steps, state[HEADING]
         front_x, front_y = state[_FRONT_X], state[_FRONT_Y]
         x, y = self._stage.fronts[self.ego]
         # `not <=`: true of nan as well
@@ -252,20 +254,20 @@ class EgoMotion:
         now: time, s.
         """
         step = self._step
-        sideways = _SIDEWAYS_SPEED * self._step
+        sideways = _SIDEWAYS_SPEED * step
         lane_speed = self.state[_LANE_SPEED]  # a step ago
         self._check_acceleration((speed - lane_speed) / step, now, stands=speed == 0.0)
         # the motion must fit a speed between the old and the new one
         slower, faster = (speed, lane_speed) if speed < lane_speed else (lane_speed, speed)
         tolerance = JUMP_TOLERANCE + (_CHORD_SHARE * faster * step if self._bent else 0.0)
         least, most = slower * step - tolerance, faster * step + tolerance
-        if least <= ahead <= most and -sideways <= across <= sideways:
+        fits_ahead = least <= ahead <= most
+        if fits_ahead and -sideways <= across <= sideways:
             return
         moved = hypot(ahead, across)
         possible = min(max(moved, least), most)
         # SUMO itself moves an ego to a lane's centre, or along a curve when it changes lanes
-        sideways_only = least <= ahead <= most
-        by_sumo = sideways_only and self._put_on_centre()
+        by_sumo = fits_ahead and self._put_on_centre()
         if not by_sumo and self._lanes[0] != self._lanes[1]:
             apart = _lanes_apart(self._stage, self.ego, self._lanes, self.road.lane_width)
             by_sumo = abs(moved - possible) <= apart
@@ -288,7 +290,7 @@ class EgoMotion:
         if not lowest - LIMIT_TOLERANCE <= acceleration <= highest + LIMIT_TOLERANCE:
             # SUMO stops a vehicle at once where its lane ends: the ego has left the road, unless a
             # call put it there. Of SUMO's own model the stop is only noted, by `_unphysical`.
-            at_end = stands and _left_of_lane(self._stage, self.ego) < _AT_END
+            at_end = stands and _to_lane_end(self._stage, self.ego) < _AT_END
             if at_end and not (GUARD.placed or self._native):
                 raise LeftTheRoadError
             self._unphysical(
@@ -350,7 +352,7 @@ class EgoMotion:
         self._world.note(self._case, what, requested, possible)
 
 
-def _left_of_lane(stage: Stage, ego: str) -> float:
+def _to_lane_end(stage: Stage, ego: str) -> float:
     """Distance from the ego's front bumper to the end of its lane, m; `ego`: its name in SUMO."""
     vehicle, lane = stage.traci.vehicle, stage.traci.lane
     return float(lane.getLength(vehicle.getLaneID(ego)) - vehicle.getLanePosition(ego))
