@@ -29,12 +29,7 @@ from sumo_eval.cosim.ego_control import (
 from sumo_eval.cosim.ego_motion import HEADING, PLACED, STALE, EgoMotion
 from sumo_eval.cosim.plans import Executor, checked_answer
 from sumo_eval.cosim.policies import make_briefing, with_time
-from sumo_eval.cosim.records import (
-    COMMAND,
-    MODEL,
-    SUMO,
-    first_number,
-)
+from sumo_eval.cosim.records import COMMAND, MODEL, SUMO, first_number
 from sumo_eval.cosim.stage import EGO_SPEED_MODE, EXACT_SPEED_MODE, LEFT_BATCH, Stage
 from sumo_eval.cosim.sumo.shared_files import suffix
 from sumo_eval.cosim.sumo.sumo_files import EGO
@@ -88,7 +83,7 @@ class OnTraci(EgoControl):
             hook.motion.watch(world, row)
 
     def _each(
-        self, world: World, do: Callable[[Any, World, float], None], time: float, rows: Any = None
+        self, world: World, do: Callable[[Any, float], None], time: float, rows: Any = None
     ) -> None:
         """Call `do` with the hook of each row; in a batch, a row for which the call fails leaves.
 
@@ -97,7 +92,7 @@ class OnTraci(EgoControl):
         if self._alone:
             hook = self._rows[0]
             try:
-                do(hook, world, time)
+                do(hook, time)
             except ControllerError as error:
                 cause = error.__cause__ or error.__context__ or error
                 world.keep_fault(0, cause, hook.ads.target, self._terms.folder)
@@ -110,7 +105,7 @@ class OnTraci(EgoControl):
             hook = self._rows[row]
             GUARD.names = hook.names
             try:
-                do(hook, world, time)
+                do(hook, time)
                 leaves = GUARD.refusal is not None
             except KeyboardInterrupt:
                 raise
@@ -131,7 +126,7 @@ class OnTraci(EgoControl):
         # rows whose egos did more than drive straight ahead; most often none
         rows = self._stage.read_at_once(world)
         if rows:
-            self._each(world, lambda hook, _, now: hook.motion.read(now), now, rows)
+            self._each(world, lambda hook, now: hook.motion.read(now), now, rows)
 
     def release(self, world: World, row: int) -> None:
         """Close the ADS and remove its listeners."""
@@ -139,7 +134,7 @@ class OnTraci(EgoControl):
         if self._alone:
             self._close_guarded(world, row, hook.ads.close, hook.ads.target)
         else:
-            self._each(world, lambda hook, *_: hook.ads.close(), 0.0, [row])
+            self._each(world, lambda hook, _: hook.ads.close(), 0.0, [row])
         super().release(world, row)
 
 
@@ -174,10 +169,10 @@ class _Hook:
         self._executor = Executor(settings, partial(world.note, case), self.road.line)
         self._delay = settings.conditions.actuation_delay
 
-    def reset(self, world: World, time: float) -> None:
+    def reset(self, time: float) -> None:
         """Reset the ADS."""
-        concrete = world.cases[self._case]
-        settings = world.each[self._case]
+        concrete = self._world.cases[self._case]
+        settings = self._world.each[self._case]
         self._calls.setSpeedMode(self.ego, EGO_SPEED_MODE)
         if self._native:
             self._calls.setSpeed(self.ego, -1)
@@ -197,19 +192,19 @@ class _Hook:
         self._check_clock(time)  # raises the message of a refused call
         raise ControllerError(f"The ADS raised {when}: {said(error)}.") from error
 
-    def step(self, world: World, time: float) -> None:
+    def step(self, time: float) -> None:
         """One step of the ADS.
 
         Raises ControllerError for an exception of its code, an unusable answer and a slow one.
         """
         try:
             command, took = (
-                self._ask(time) if world.steps % self._terms.every == 0 else self._held(time)
+                self._ask(time) if self._world.steps % self._terms.every == 0 else self._held(time)
             )
             if self._delay:
-                command = self._arriving(world, command, took)
+                command = self._arriving(command, took)
             if command is not None:
-                self._take_over(world, command)
+                self._take_over(command)
             # false in most steps: SUMO moves the ego already, and nothing has to be checked
             elif self.motion.flags[PLACED] != SUMO or GUARD.mode_may_differ or self.road.spans:
                 self._leave_to_sumo()
@@ -235,9 +230,7 @@ class _Hook:
             self._blamed(error, f"at {time:.2f} s", time)
         return (self._obeyed(None, time) if self._executor.holds else None), None
 
-    def _arriving(
-        self, world: World, command: Command | None, took: float | None
-    ) -> Command | None:
+    def _arriving(self, command: Command | None, took: float | None) -> Command | None:
         """The delayed command that reaches the vehicle now; None: SUMO moves the ego.
 
         Calls by which the ADS lets SUMO move the ego are not delayed: a note records that.
@@ -249,10 +242,10 @@ class _Hook:
         if command is not None:
             due[0] = command.acceleration, command.steering
         elif took is not None:
-            world.note(self._case, "actuation_not_delayed", self._delay, 0.0)
+            self._world.note(self._case, "actuation_not_delayed", self._delay, 0.0)
         # also without a new command, as the queue of delayed commands advances in every step; SUMO
         # then moves the ego, and `due` has no effect
-        self._actuation.pass_on(due, [self._case], world.steps, has_new=has_new)
+        self._actuation.pass_on(due, [self._case], self._world.steps, has_new=has_new)
         return Command(*due[0].tolist()) if has_new else None
 
     def _ask(self, time: float) -> tuple[Command | None, float]:
@@ -331,7 +324,7 @@ class _Hook:
         if self.road.spans:  # lanes begin or end; such cases are driven alone
             self.motion.lead_along_lane()
 
-    def _take_over(self, world: World, command: Command) -> None:
+    def _take_over(self, command: Command) -> None:
         """Let the vehicle model or the plant move the ego, as commanded."""
         state = self.motion.state
         self.motion.flags[STALE] = 1  # so that SUMO receives its motion in every step
@@ -339,7 +332,7 @@ class _Hook:
             at = COMMAND.start
             state[at], state[at + 1] = command.acceleration, command.steering
         else:
-            advance_plant(self._terms.plant, world, command)
+            advance_plant(self._terms.plant, self._world, command)
 
 
 def _names(concrete: ConcreteScenario, suffix: str) -> SumoNames:
