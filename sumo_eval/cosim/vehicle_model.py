@@ -56,7 +56,7 @@ class Command:
     def __init__(
         self, acceleration: Any = ..., steering: float = 0.0, *, speed: float | None = None
     ) -> None:
-        # `dataclasses.replace` of a Command with a speed hands over its acceleration, nan: none given
+        # nan with a speed is none: `dataclasses.replace` of a Command with a speed hands it over
         accelerates = acceleration is not ... and (speed is None or acceleration == acceleration)
         if accelerates == (speed is not None):
             got = "both" if accelerates else "neither"
