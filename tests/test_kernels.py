@@ -9,6 +9,7 @@ import os
 import random
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -20,6 +21,7 @@ from tables import in_campaign
 import sumo_eval
 from sumo_eval import kernels
 from sumo_eval.cosim import simulate, simulate_many
+from sumo_eval.cosim.doors.controller import load_controller
 from sumo_eval.cosim.world import World
 from sumo_eval.drivers.synthetic.driver import human_controller
 from sumo_eval.settings import SimulationSettings
@@ -148,6 +150,39 @@ def test_interpreted_and_compiled_rules_drive_alike_to_the_bit(sparse, drivers):
     assert python(script, Path(__file__).parent, env=environment).stdout.split() == [
         digest(ads, sparse) for ads in drivers
     ]
+
+
+class OnTraci:
+    """A baseline that its user has wrapped: it sees the case through TraCI."""
+
+    def __init__(self):
+        self.inner = load_controller("idm").target
+
+    def reset(self, scenario, traci, ego):
+        self.inner.reset(scenario, traci, ego)
+
+    def step(self, traci, ego, time):
+        return self.inner.step(traci, ego, time)
+
+
+def leaving(name):
+    """Why the case ends in which the lead drives beyond the road's end after 2 s."""
+    case = points(name, 997)[0]
+    lead = case.actors[0]
+    start = replace(lead.start, x=case.road.end - 30.0, speed=20.0)
+    recording = simulate(replace(case, actors=(replace(lead, start=start),)), OnTraci)
+    return recording.end_reason, recording.error
+
+
+@pytest.mark.skipif(kernels.INTERPRETED, reason="this is the interpreted run")
+def test_interpreted_baseline_on_traci_drives_on_after_an_actor_has_left():
+    script = (
+        "import sys; sys.path.insert(0, sys.argv[1]); import test_kernels as it; "
+        "print(*it.leaving('front_vehicle_braking'), *it.leaving('curve_braking'))"
+    )
+    environment = {**os.environ, "SUMO_EVAL_INTERPRETED": "1"}
+    interpreted = python(script, Path(__file__).parent, env=environment).stdout
+    assert interpreted.split() == 2 * ["time_limit", "None"]
 
 
 # -- machine code ----------------------------------------------------------------------------------

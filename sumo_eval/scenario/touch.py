@@ -77,7 +77,7 @@ def velocity(body: Any) -> tuple[float, float]:
 @kernel
 def within_a_turn(angle: float) -> float:
     """An angle without whole turns: the same direction within -pi..pi, rad."""
-    if -pi <= angle <= pi:
+    if not (angle < -pi or angle > pi):  # true of nan as well, of which there is no `floor`
         return angle
     return angle - FULL_TURN * floor(angle / FULL_TURN + 0.5)
 
