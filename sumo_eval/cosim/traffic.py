@@ -68,41 +68,6 @@ class Traffic(Stage):
         self._has_shadow = np.array(self._shadow_of) != ""
         super().keep(world)
 
-    def _hand_over(self, world: World) -> None:
-        """Let SUMO drive the actors whose scripts handed them over to a model in the last step."""
-        present = (world.others["present"] == 1) & (world.egos["live"] == 1)[:, None]
-        models = world.players.plays["model"]
-        for row, j in np.argwhere((models == HANDED_OVER) & present).tolist():
-            number = row * self._width + 1 + j
-            if self._flat[number] not in self._handed:
-                self._reacting = np.nonzero(models)
-                self._hand_over_one(number, world.others[row, j])
-
-    def _hand_over_one(self, number: int, other: Any) -> None:
-        """Let SUMO drive an actor from its place and speed on.
-
-        number: of the vehicle. other: its record.
-        """
-        calls = self.calls
-        road = self._road
-        name = self._flat[number]
-        self._handed.add(name)
-        calls.setSpeedMode(name, _ITS_OWN_SPEED_MODE)
-        if not self.as_read:
-            self._hide_shadow(number)
-            x = other["x"]
-            y = other["y"]
-            lane = int(lanes_at(road, other["y"]))
-            ground = float(ground_of_lane(road, x, y)) if self._bent else 1.0
-            # SUMO's position is the position of the front, in metres of the lane
-            half = 0.5 * other["length"]
-            calls.moveTo(name, f"{self._edge[number]}_{lane}", x + half / ground)
-            calls.setLateralLanePosition(name, y - road.lane_width * lane)
-        speed = other["speed"] * cos(other["heading"])
-        calls.setPreviousSpeed(name, max(speed, 0.0))
-        calls.setSpeed(name, -1.0)  # SUMO's model drives from here on
-        self._received_speeds.pop(name, None)
-
     def take_charge(self, world: World) -> None:
         """Take control of the vehicles that SUMO does not drive."""
         super().take_charge(world)
@@ -110,7 +75,7 @@ class Traffic(Stage):
         self._shown_shadows: set[str] = set()
         # number of a vehicle that SUMO received -> position of its front along the lane after the
         # step, m
-        self._meant: dict[int, float] = {}
+        self._expected: dict[int, float] = {}
         calls = self.calls
         for name in filter(None, self._shadow_of):
             calls.setSpeedMode(name, EXACT_SPEED_MODE)
@@ -157,15 +122,15 @@ class Traffic(Stage):
         if not count:
             return
         received = world.tell[:count]
-        number = received[:, 0].astype(np.intp)
-        now = Vehicles(world.egos, world.others, number)
-        before = Vehicles(world.egos["before"], world.others["before"], number)
+        numbers = received[:, 0].astype(np.intp)
+        now = Vehicles(world.egos, world.others, numbers)
+        before = Vehicles(world.egos["before"], world.others["before"], numbers)
         # of each vehicle at the step's end: position of its front along the lane, m, y of its
         # front, m, and speed along the road, m/s
         s, y, along = received[:, 5:].T
         heading, half = now.field("heading"), 0.5 * now.field("length")
-        self._meant = dict(zip(number.tolist(), s.tolist(), strict=True))
-        names = [self._flat[n] for n in number.tolist()]
+        self._expected = dict(zip(numbers.tolist(), s.tolist(), strict=True))
+        names = [self._flat[n] for n in numbers.tolist()]
         # m/s, the speed that SUMO received last; of a vehicle without one, this step's
         last = [self._received_speeds.get(name, v) for name, v in zip(names, along, strict=True)]
         # SUMO's step moves a vehicle by the mean of both speeds
@@ -174,7 +139,7 @@ class Traffic(Stage):
             begin = exact_begins(begin, before, half)
         road = self._road
         # SUMO has pedestrians and cyclists on no lane
-        on_lanes = inside_lanes(road, begin, y, heading, self._step) & ~self._vulnerable[number]
+        on_lanes = inside_lanes(road, begin, y, heading, self._step) & ~self._vulnerable[numbers]
         # `moveTo` leads no vehicle that was beside the lanes back to its last lane: put such a
         # vehicle on the map
         for k in np.flatnonzero(on_lanes).tolist():
@@ -186,15 +151,50 @@ class Traffic(Stage):
         across += half * np.abs(np.sin(heading))
         over_line = world.settings.seen_over_line
         shadow_lane = shadow_lanes(road, now.field("y"), across, lane, over_line)
-        shadow_lane[~(on_lanes & self._has_shadow[number])] = -1
+        shadow_lane[~(on_lanes & self._has_shadow[numbers])] = -1
         for vehicle, *motion in received[~on_lanes, :5].tolist():
             self._move(int(vehicle), *motion)
             self._hide_shadow(int(vehicle))
             self._received_speeds.pop(self._flat[int(vehicle)], None)  # it is on no lane
         along = np.maximum(along, 0.0)
-        columns = number, lane, shadow_lane, begin, y, along, before.field("speed")
+        columns = numbers, lane, shadow_lane, begin, y, along, before.field("speed")
         for values in zip(*(column[on_lanes].tolist() for column in columns), strict=True):
             self._put_on_lane(*values)
+
+    def _hand_over(self, world: World) -> None:
+        """Let SUMO drive the actors whose scripts handed them over to a model in the last step."""
+        present = (world.others["present"] == 1) & (world.egos["live"] == 1)[:, None]
+        models = world.players.plays["model"]
+        for row, j in np.argwhere((models == HANDED_OVER) & present).tolist():
+            number = row * self._width + 1 + j
+            if self._flat[number] not in self._handed:
+                self._reacting = np.nonzero(models)
+                self._hand_over_one(number, world.others[row, j])
+
+    def _hand_over_one(self, number: int, other: Any) -> None:
+        """Let SUMO drive an actor from its place and speed on.
+
+        number: of the vehicle. other: its record.
+        """
+        calls = self.calls
+        road = self._road
+        name = self._flat[number]
+        self._handed.add(name)
+        calls.setSpeedMode(name, _ITS_OWN_SPEED_MODE)
+        if not self.as_read:
+            self._hide_shadow(number)
+            x = other["x"]
+            y = other["y"]
+            lane = int(lanes_at(road, y))
+            ground = float(ground_of_lane(road, x, y)) if self._bent else 1.0
+            # SUMO's position is the position of the front, in metres of the lane
+            half = 0.5 * other["length"]
+            calls.moveTo(name, f"{self._edge[number]}_{lane}", x + half / ground)
+            calls.setLateralLanePosition(name, y - road.lane_width * lane)
+        speed = other["speed"] * cos(other["heading"])
+        calls.setPreviousSpeed(name, max(speed, 0.0))
+        calls.setSpeed(name, -1.0)  # SUMO's model drives from here on
+        self._received_speeds.pop(name, None)
 
     def _put_on_lane(
         self, number: int, lane: int, shadow_lane: int, begin: float, y: float, along: float,
@@ -317,12 +317,12 @@ class Traffic(Stage):
         if not self._bent:
             super().compare(world)
             return
-        for number, meant in self._meant.items():
+        for number, expected in self._expected.items():
             row, j = divmod(number, self._width)
             name = self._flat[number]
             if world.egos["reason"][row] or name not in self._received_speeds:
                 continue
-            off = self.calls.getLanePosition(name) - meant
+            off = self.calls.getLanePosition(name) - expected
             if not abs(off) <= _TOLERANCE_IN_A_CURVE:  # `not <=`: true of nan as well
                 words = f"put {{}} {off:.3f} m along its lane from its place."
                 fail_misplaced(world, row, j, words, ads_asks=self.ads_asks)
