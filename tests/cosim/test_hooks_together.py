@@ -457,6 +457,22 @@ def test_installed_packages_are_not_looked_into(folder, is_reached, monkeypatch)
     assert (package in reached_modules(Counts)) == is_reached
 
 
+def test_a_module_may_put_an_object_in_its_place(tmp_path, monkeypatch):
+    """The usual recipe for constants; the state of such a module is compared, too."""
+    (tmp_path / "constants.py").write_text(
+        "import sys\nCALLS = []\nclass Constants:\n    gain = -1.0\n"
+        "    def count(self):\n        CALLS.append(1)\n"
+        "sys.modules[__name__] = Constants()\n"
+    )
+    monkeypatch.syspath_prepend(tmp_path)
+    constants = importlib.import_module("constants")
+    monkeypatch.setitem(globals(), "constants", constants)
+    before = kept_state(Counts)
+    assert first_change(before, kept_state(Counts)) is None
+    constants.count()
+    assert first_change(before, kept_state(Counts)) == "constants.CALLS"
+
+
 @pytest.mark.parametrize(
     "hook, name",
     [

@@ -74,13 +74,14 @@ def kept_state(ads: Any) -> State:
         "traci": [id(it) for part in (TRACI, *TRACI.DOMAINS) for it in vars(part).values()],
     }
     for module in reached_modules(ads):
-        name = _BY_PATH.sub(r"\1.py: ", f"{module.__name__}.")
-        own = list(vars(module).items())
-        state |= {f"{name}{k}": _frozen(v, 0) for k, v in own if k[:2] != "__"}
-    by_class: dict[str, list[object]] = {}  # lists: a derived class may have the name of its base
-    for kind in ads.__mro__[:-1] if inspect.isclass(ads) else (ads,):  # without `object`
-        by_class.setdefault(kind.__qualname__, []).append(_frozen(kind, 0))
-    return state | by_class
+        prefix = _BY_PATH.sub(r"\1.py: ", f"{module.__name__}.")
+        variables = list(vars(module).items())  # a list: a property of the user's may add some
+        state |= {f"{prefix}{k}": _frozen(v, 0) for k, v in variables if k[:2] != "__"}
+    own_code = ads.__mro__[:-1] if inspect.isclass(ads) else (ads,)  # classes without `object`
+    by_name: dict[str, list[object]] = {}  # lists: a derived class may have the name of its base
+    for code in own_code:
+        by_name.setdefault(code.__qualname__, []).append(_frozen(code, 0))
+    return state | by_name
 
 
 def reaches_libsumo(ads: Any, made: Any) -> bool:
@@ -140,12 +141,14 @@ def _is_foreign(module: str) -> bool:
 def module_of(value: Any) -> ModuleType | None:
     """The module that defines a function, a class or an object's class; None: unknown.
 
-    A module that was loaded from a file's path may be missing in `sys.modules`. The result then has
-    the variables that one of its functions sees.
+    A module that was loaded from a file's path may be missing in `sys.modules`, as may one that
+    has put an object there instead of itself. The result then has the variables that one of its
+    functions sees.
     """
     kind = value if _is(value, type | FunctionType) else type(value)
-    if kind.__module__ in sys.modules:
-        return sys.modules[kind.__module__]
+    module = sys.modules.get(kind.__module__)
+    if _is(module, ModuleType):  # code may put any other object there
+        return module
     function = next(
         (it for it in (kind, *vars(kind).values()) if isinstance(it, FunctionType)), None
     )
@@ -175,6 +178,7 @@ def _frozen(value: Any, depth: int, seen: _Seen | None = None) -> object:
         return "nan" if value != value else value
     if seen is None:
         seen = {}
+    # an object that is new has the next number, and has been looked into at no depth
     number, least, _ = seen.get(id(value), (len(seen), _DEEPEST + 2, None))
     if depth >= least:
         return "seen", number
