@@ -53,9 +53,6 @@ from sumo_eval.errors import (
 from sumo_eval.scenario.units import si_factor
 from sumo_eval.settings import FmuSettings, PlantSettings
 
-SIGNALS = signal_names()
-"""Names of the signals for inputs of an ADS."""
-
 _Names = Sequence[str]  # of signals or outputs
 _STATE = ("x", "y", "heading", "speed")  # outputs that a vehicle model must have
 _SPEED_TOLERANCE = 0.01  # m/s, between a vehicle model's first speed and the case's: rounding only
@@ -126,7 +123,7 @@ class _Fmu:
 
     def _variable(self, name: str, key: str) -> Any:
         """The variable of a name in the table `key` of the mapping. Raises InputError for an
-        unknown name, or a variable that cannot be there. An output must be a number.
+        unknown name, or a variable that `key` does not allow. An output must be a number.
         """
         owner = f"FMU `{self.path.name}`"
         check_known(f"variable of {owner} in `{key}`", self._variables, name)
@@ -151,16 +148,17 @@ class _Fmu:
         mapping = {**{name: name for name in numbers if name in self._signals}, **wiring.inputs}
         mapping.pop("*", None)
         wired = list(self._wired(mapping, "inputs"))
-        for name in inputs:
-            if name not in mapping and rest is None:
-                is_text = self._variables[name].type in _TEXTS
-                why, known = ("is a text", ()) if is_text else ("is not a signal", self._signals)
-                raise InputError(
-                    f"Input `{name}` of FMU `{self.path.name}` {why}; `inputs` must map it. A "
-                    f"number is a constant, `{AS_IT_STARTS}` its start value "
-                    f"(`inputs.*={AS_IT_STARTS}`: of all that are left)."
-                    f"{did_you_mean(name, known)}"
-                )
+        unmapped = [name for name in inputs if name not in mapping]
+        if unmapped and rest is None:
+            name = unmapped[0]
+            is_text = self._variables[name].type in _TEXTS
+            raise InputError(
+                f"Input `{name}` of FMU `{self.path.name}` is "
+                f"{'a text' if is_text else 'not a signal'}; `inputs` must map it. A number is a "
+                f"constant, `{AS_IT_STARTS}` its start value "
+                f"(`inputs.*={AS_IT_STARTS}`: of all that are left)."
+                f"{did_you_mean(name, () if is_text else self._signals)}"
+            )
         return wired
 
     def _wired(self, mapping: Mapping[str, str | float], key: str) -> Iterator[Wired]:
@@ -237,22 +235,20 @@ class _Fmu:
 
         Indices count from 0. A variable that is itself called `name[2]` comes first.
         """
-        plain, bracket, rest = name.partition("[")
-        index = rest.rstrip("]")
-        whole = not bracket or name in self._variables
-        variable = self._variable(name if whole else plain, "outputs")
-        size = _count(variable)
-        if whole and size is not None:
-            must = f"one value, `{name}[0]`"
-            got = "an array"
-        elif whole:
+        what, owner = f"The output `{name}`", f"FMU `{self.path.name}`"
+        array, bracket, rest = name.partition("[")
+        if not bracket or name in self._variables:
+            variable = self._variable(name, "outputs")
+            if _count(variable) is not None:
+                raise must_be(what, owner, f"one value, `{name}[0]`", "an array")
             return variable, 0
-        elif index.isdecimal() and int(index) < (size or 1):
-            return variable, int(index)
-        else:
-            must = f"within its {size or 1} values"
-            got = index
-        raise must_be(f"The output `{name}`", f"FMU `{self.path.name}`", must, got)
+
+        variable = self._variable(array, "outputs")
+        size = _count(variable) or 1
+        index = rest.rstrip("]")
+        if not (index.isdecimal() and int(index) < size):
+            raise must_be(what, owner, f"within its {size} values", index)
+        return variable, int(index)
 
     def load(self) -> None:
         """Load the library and make an instance for another drive."""
@@ -453,8 +449,8 @@ class FmuController(Adapter):
     path: Path
     wiring: FmuSettings
     _fmu: _Fmu = field(init=False)
-    _step: float = 0.0
-    _plan: float | None = None  # `plan_number` of the plan in force
+    _period: float = 0.0  # s from one call to the next, the length of the FMU's steps
+    _plan_number: float | None = None  # of the plan in force
     is_policy = True
 
     def __post_init__(self) -> None:
@@ -466,7 +462,7 @@ class FmuController(Adapter):
             outputs = (), _OF_A_PLAN, PLAN
         elif kind == "throttle":
             outputs = ("throttle", "brake"), ("steer",)
-        self._fmu = _Fmu(self.path, self.wiring, (*SIGNALS, *OBJECTS), *outputs)
+        self._fmu = _Fmu(self.path, self.wiring, (*signal_names(), *OBJECTS), *outputs)
 
     @classmethod
     def from_locator(cls, text: str, folder: Path) -> FmuController:
@@ -490,8 +486,8 @@ class FmuController(Adapter):
 
     def reset(self, scenario: Briefing, traci: Any, ego: str) -> None:
         """Make a fresh instance; the first step initializes it, as the signals are known then."""
-        self._step = scenario.period
-        self._plan = None
+        self._period = scenario.period
+        self._plan_number = None
         self._fmu.load()
 
     def act(self, seen: Observation) -> Any:
@@ -500,7 +496,7 @@ class FmuController(Adapter):
         signals = seen.signals() | (_objects(seen) if fmu.sees_objects else {})
         if not fmu.initialized:
             fmu.begin(signals)
-        answer = fmu.step(signals, seen.time, self._step)
+        answer = fmu.step(signals, seen.time, self._period)
         if fmu.lists:
             return self._planned(answer)
         return Command.pedals(**answer) if "throttle" in answer else Command(**answer)
@@ -513,9 +509,9 @@ class FmuController(Adapter):
         answer: the outputs that are one number.
         """
         number = answer.get("plan_number")
-        if number is not None and number == self._plan:
+        if number is not None and number == self._plan_number:
             return None
-        self._plan = number
+        self._plan_number = number
         lists = self._fmu.read_lists()
         most = min(len(values) for values in lists.values())
         count = answer.get("plan_count", most)
