@@ -21,7 +21,7 @@ from sumo_eval.cosim.actuation import Actuation
 from sumo_eval.cosim.doors.controller import knows_the_scripts
 from sumo_eval.cosim.doors.fmu import FmuPlant
 from sumo_eval.cosim.doors.observation import sees_all
-from sumo_eval.cosim.doors.traci_module import GUARD, heeding
+from sumo_eval.cosim.doors.traci_module import GUARD, heeding_parts
 from sumo_eval.cosim.impossible import FASTEST, LOWEST_SPEED
 from sumo_eval.cosim.records import COMMAND, CONTACT, MODEL, NEXT, PLANT, numbers_of
 from sumo_eval.cosim.stage import Stage
@@ -85,7 +85,7 @@ class EgoControl:
         others = [actor.name for actor in concrete.actors]
         lateral_speed = concrete.road.lane_width / settings.lane_change_duration
         interference = settings.conditions.interference
-        GUARD.begin(others, settings.step, interference, heeding(concrete), lateral_speed)
+        GUARD.begin(others, settings.step, interference, heeding_parts(concrete), lateral_speed)
         stage.take_charge(world)
         conditions = [settings.conditions for settings in world.each]
         # 0: only a step budget makes notes, and a case with a step budget is alone

@@ -116,14 +116,15 @@ class Guard:
         others: Iterable[str],
         step: float,
         interference: Literal["refuse", "record"],
-        heeding: Iterable[str] = (),
+        heeding_parts: Iterable[str] = (),
         lateral_speed: float = 1.0,
     ) -> None:
         """Begin a case: no listeners, nothing counted.
 
         others: names of the other vehicles; their types have the same names.
         step: s.
-        heeding: keys of `WHY_IGNORED` that exist in the case, so that their calls have an effect.
+        heeding_parts: parts of SUMO, keys of `WHY_IGNORED`, that exist in the case, so that their
+            calls have an effect.
         lateral_speed: m/s, of a lane change that takes the settings' duration.
         """
         self.lateral_speed = lateral_speed
@@ -133,7 +134,7 @@ class Guard:
         self.listeners = libsumo.StepManager()
         # number of calls that wrote to more than the ego or had no effect, by the name of the clip
         self.touched = Counter[str]()
-        self.heeding = set(heeding)
+        self.heeding_parts = set(heeding_parts)
         self.ignorable = Counter[str]()  # number of each call that SUMO may ignore
         # whether a call has moved the ego since the step began, and whether a call has placed it
         self.moved = self.placed = False
@@ -252,7 +253,7 @@ class Guard:
         return {
             call: WHY_IGNORED[IGNORED.get(call, "window")]
             for call in self.ignorable
-            if IGNORED.get(call) not in self.heeding
+            if IGNORED.get(call) not in self.heeding_parts
         }
 
     def call_listeners(self) -> None:
@@ -267,8 +268,8 @@ class Guard:
             self.listeners.removeStepListener(number)
 
 
-def heeding(concrete: ConcreteScenario) -> set[str]:
-    """Keys of `WHY_IGNORED` that exist in a case from its start."""
+def heeding_parts(concrete: ConcreteScenario) -> set[str]:
+    """Parts of SUMO, keys of `WHY_IGNORED`, that exist in a case from its start."""
     exists = {"traffic": concrete.reacts, "network": concrete.road.network is not None}
     return {key for key in exists if exists[key]}
 
@@ -284,9 +285,11 @@ def _takes_any_number(write: _Call) -> _Call:
         """A Python number from a number of numpy or torch."""
         return it.item() if hasattr(it, "item") else it
 
-    return wraps(write)(
-        lambda *args, **kwargs: write(*map(plain, args), **{k: plain(kwargs[k]) for k in kwargs})
-    )
+    @wraps(write)
+    def takes_any(*args: Any, **kwargs: Any) -> Any:
+        return write(*map(plain, args), **{name: plain(it) for name, it in kwargs.items()})
+
+    return takes_any
 
 
 def _vehicle_writer(call: str, write: _Call) -> _Call:
@@ -316,7 +319,7 @@ def _vehicle_writer(call: str, write: _Call) -> _Call:
             and vehID == EGO
             and (call != "setSpeed" or min(*args, *kwargs.values(), 0.0) < 0.0)
         ):
-            GUARD.heeding.add("model")
+            GUARD.heeding_parts.add("model")
         return answer
 
     if call != "setSpeed":
