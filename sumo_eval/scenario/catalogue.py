@@ -7,12 +7,11 @@ and the form of `use` are public; users' evaluations contain them.
 Users: `cli/`, `record/`, `report/export_case.py`, `scenario/resolved.py`, `extras/`.
 """
 
-from collections import Counter
 from collections.abc import Callable
 from functools import cache
 from pathlib import Path
 
-from sumo_eval.errors import InputError, SumoEvalError, unknown, users_code
+from sumo_eval.errors import InputError, SumoEvalError, doubled, unknown, users_code
 from sumo_eval.gone import refuse_use_case
 from sumo_eval.scenario.file import read_scenario
 from sumo_eval.scenario.formats import GROUP, format_of
@@ -87,10 +86,8 @@ def load(name: str) -> LogicalScenario:
 
 def options_of(use: str) -> tuple[str, dict[str, str]]:
     """The part before the options of `cut_in?a=1&b=2`, and the options by name, as written."""
-    plain, *texts = use.split("?", 1)
-    # [::2]: `partition` gives (key, "=", value), take key and value
-    options = [option.partition("=")[::2] for text in texts for option in text.split("&")]
-    for key, times in Counter(key for key, _ in options).items():
-        if times > 1:
-            raise InputError(f"Option `{key}` of `{use}` must be given once.")
-    return plain, dict(options)
+    plain, mark, text = use.partition("?")
+    options = [option.partition("=") for option in text.split("&")] if mark else []
+    if double := doubled(key for key, _, _ in options):
+        raise InputError(f"Option `{double[0]}` of `{use}` must be given once.")
+    return plain, {key: value for key, _, value in options}

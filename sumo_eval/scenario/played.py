@@ -196,8 +196,9 @@ class Players(NamedTuple):
         joined = []
         for own, new in zip(self[1:], other[1:], strict=True):  # acts to program
             width = max(own.shape[-1], new.shape[-1])
-            joined.append(_wide(own, width))
-            joined[-1][row] = _wide(new[0], width)
+            wide = _wide(own, width)
+            wide[row] = _wide(new[0], width)
+            joined.append(wide)
         return Players(plays, *joined)
 
 

@@ -3,8 +3,8 @@ without SUMO.
 
 Actors with a SUMO model are assumed to keep their speed: only SUMO knows what its models would do.
 
-Users: `method.conflict` (zones), `ads.foresight`, `scenario.reachable`, `cosim.openscenario`,
-`scoring.plausible_people`, `record/loops.py`, `extras/rates/`.
+Users: `ads/foresight.py`, `cosim/openscenario.py`, `method/conflict.py` (zones),
+`record/loops.py`, `scenario/reachable.py`, `scoring/plausible_people.py`, `extras/rates/`.
 """
 
 from collections.abc import Sequence

@@ -121,7 +121,7 @@ class EgoTable(Checked):
         """
         owner = f"[ego] of {where}"
         if len(self.recorded) == 1:
-            raise must_be("`recorded`", owner, "two places or more", "1")
+            raise must_be("`recorded`", owner, "two places or more", 1)
         if (self.length is None) != (self.width is None):
             raise InputError(f"{owner} must have both length and width, or neither.")
         if self.goal_lane is None:

@@ -82,7 +82,7 @@ def line_of(text: str, place: Place) -> int | None:
 def _places(text: str) -> Iterator[tuple[int, Place]]:
     """Lines with a key or the head of a table: number from 1, and place of the key or table."""
     table: Place = ()  # that the lines are in
-    newest: dict[Place, list[int]] = {}  # by list of tables: one index, of its newest entry
+    newest: dict[Place, int] = {}  # by list of tables: index of its newest entry
     for number, line in _outer_lines(text):
         head = _HEAD.match(line)
         named_line = head or _KEY.match(line)
@@ -92,10 +92,12 @@ def _places(text: str) -> Iterator[tuple[int, Place]]:
         if head:
             table = ()
             for name in names:
-                table = (*table, *newest.get(table, ()), name)
+                if table in newest:
+                    table = (*table, newest[table])
+                table = (*table, name)
             if head["list"]:
-                newest.setdefault(table, [-1])[0] += 1
-                table = (*table, *newest[table])
+                newest[table] = newest.get(table, -1) + 1
+                table = (*table, newest[table])
         yield number, table if head else (*table, *names)
 
 

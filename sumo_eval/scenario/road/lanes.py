@@ -69,6 +69,7 @@ class Crossing:
 
 EVERYWHERE = LaneSpan(-1)
 """The span of any lane that exists throughout; `missing_at` knows it by identity."""
+_INNERMOST = 0.9  # share of a curve's radius that a crossing road may reach, at most
 
 
 @frozen
@@ -93,7 +94,7 @@ class LaneTable(Checked):
 
 @frozen
 class CrossingTable(Checked):
-    """A straight road that crosses this one at a right angle, on which others may start."""
+    """A straight road that crosses this one at a right angle, on which actors may start."""
 
     x: PositiveFloat = required("its middle along this road", "m")
     width: PositiveFloat = setting(7.0, "its width", "m")
@@ -171,9 +172,6 @@ def _span(table: LaneTable, length: float, owner: str) -> LaneSpan:
     return LaneSpan(table.lane, begin, end, opening, closing, until, onwards)
 
 
-INNERMOST = 0.9  # share of a curve's radius that a crossing road may reach, at most
-
-
 def crossings_of(
     tables: Sequence[CrossingTable], length: float, line: Line, where: str
 ) -> tuple[Crossing, ...]:
@@ -191,8 +189,8 @@ def crossings_of(
             raise must_be("`x`", owner, f"within the road's {length:g} m, {within}", table.x)
         # 1/m, at both edges and in the middle of the crossing road
         sharpest = float(np.abs(curvatures(line, [table.x - half, table.x, table.x + half])).max())
-        if table.reach * sharpest > INNERMOST:
-            most = f"at most {INNERMOST / sharpest:.1f} m, {INNERMOST:g} of the radius there"
+        if table.reach * sharpest > _INNERMOST:
+            most = f"at most {_INNERMOST / sharpest:.1f} m, {_INNERMOST:g} of the radius there"
             raise must_be("`reach`", owner, most, table.reach)
     return tuple(Crossing(table.x, table.width, table.reach) for table in tables)
 

@@ -68,18 +68,17 @@ def adaptive(logical: LogicalScenario, request: Request) -> Drawn:
         spread(size_of_next(budget, size, 0), np.ones(len(cells)), np.full(len(cells), np.inf)),
     )
     counts = _checked_counts(rounds, capacity, budget, owner)
-    # number of points of each cell up to each round; so the points of a round are `count` ones
-    # before `end`
+    # Number of points of each cell up to each round: a round takes those from the end of the round
+    # before to its own.
     ends = counts.cumsum(axis=0)
+    begins = ends - counts
     chosen = [
-        cells[cell][end - count : end]
-        for row, cell_ends in zip(counts, ends, strict=True)
-        for cell, (count, end) in enumerate(zip(row, cell_ends, strict=True))
+        cells[cell][begins[row, cell] : ends[row, cell]] for row, cell in np.ndindex(counts.shape)
     ]
     points = possible[np.concatenate(chosen)]
     # m_k V_h / n_kh, (rounds, H), then for each point
-    weight = counts.sum(axis=1, keepdims=True) * capacity / float(len(possible)) / counts
-    weights = np.repeat(weight, counts.ravel())
+    of_cells = counts.sum(axis=1, keepdims=True) * capacity / float(len(possible)) / counts
+    weights = np.repeat(of_cells, counts.ravel())
     exposure = logical.exposures(points) * weights
     return Drawn(
         points,
@@ -179,7 +178,8 @@ def spread(points: int, attention: FloatArray, room: FloatArray) -> tuple[int, .
 
 def capacity_of_cells(logical: LogicalScenario, size: int, seed: int) -> FloatArray:
     """Number of candidates in each cell of the space for rounds of this size, (H,)."""
-    return np.array([len(cell) for cell in _cells(logical, size, seed)[1]], float)
+    _, cells = _cells(logical, size, seed)
+    return np.array([len(cell) for cell in cells], float)
 
 
 @lru_cache(maxsize=2)  # every stage of a round calls this

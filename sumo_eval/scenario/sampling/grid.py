@@ -44,15 +44,14 @@ def grid_axes(
     """
     owner = owner_of(logical)
     steps = dict(request.steps or {})
-    named: dict[str, Any] = {}  # levels by the names of axes, if the request has a table of them
     # one number of levels is for all axes except those with listed values
     levels: dict[str, Any] = dict.fromkeys(logical.names, request.levels)
-    if isinstance(request.levels, Mapping):
-        levels = named = dict(request.levels)
+    if by_name := isinstance(request.levels, Mapping):
+        levels = dict(request.levels)
     for name in (*levels, *steps):
         if name in steps and levels.get(name) is not None:
             raise InputError(f"`{name}` in {owner} must have levels or a step, got both.")
-        if name in {*named, *steps} and logical.parameters[logical.column(name)].values:
+        if (by_name or name in steps) and logical.parameters[logical.column(name)].values:
             raise InputError(
                 f"`{name}` in {owner} has listed values: it takes no levels and no step."
             )
@@ -61,7 +60,7 @@ def grid_axes(
     for item in logical.parameters:
         values = list(item.values)
         if (count := levels.get(item.name)) is not None:
-            _check_levels(count, item.name if named else "levels", owner)
+            _check_levels(count, item.name if by_name else "levels", owner)
             values = values or evenly(item, count)
         if not values:
             step = steps.get(item.name, item.step)
