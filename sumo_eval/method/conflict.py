@@ -25,6 +25,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from sumo_eval.errors import SumoEvalError, must_be, users_code
 from sumo_eval.kernels import Records, fields, kernel, rows
 from sumo_eval.method.checks import not_negative
 from sumo_eval.scenario import ConcreteScenario, LogicalScenario
@@ -102,12 +103,17 @@ def _encounters(logical: LogicalScenario, points: FloatArray, settings: ZoneSett
     search = logical.search
     assert search is not None
     size = ego_size(logical)
-    placed = [logical.placed(logical.point(row)) for row in points.tolist()]
     owner = f"the zone of scenario `{logical.name}`"
-    delays = [
-        float(not_negative(owner, "delay", search.delay(it.values)))  # type: ignore[arg-type]
-        for it in placed
-    ]
+    # `place` and `delay` may be the user's, and zones ask for points that no sample holds
+    with users_code(f"Scenario `{logical.name}` failed", SumoEvalError):
+        placed = [logical.placed(logical.point(row)) for row in points.tolist()]
+        delays = [
+            float(not_negative(owner, "delay", search.delay(it.values)))  # type: ignore[arg-type]
+            for it in placed
+        ]
+    actors = min(len(it.actors) for it in placed)
+    if not 0 <= search.obstacle < actors:  # a kernel would read beyond its arrays
+        raise must_be("`obstacle`", owner, f"an actor, 0..{actors - 1}", search.obstacle)
     if search.conflict:
         return conflict_criticality(placed, search.obstacle, delays, size, settings)
     longest = min(logical.time_limit or _LONGEST, _LONGEST)

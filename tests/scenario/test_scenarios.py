@@ -5,6 +5,7 @@ import itertools
 import json
 import math
 import pickle
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -35,6 +36,7 @@ from sumo_eval.scenario import (
     motion,
 )
 from sumo_eval.scenario.file import check_points
+from sumo_eval.scenario.logical import Search
 from sumo_eval.scenario.resolved import find_with
 from sumo_eval.scenario.sampling.samples import sample
 from sumo_eval.settings import SimulationSettings, VehicleSettings, ZoneSettings
@@ -150,6 +152,21 @@ BESIDE = LogicalScenario(
     max_inverse_ttc, impact_speed, gap = of_width[1.8].ravel()
     assert (max_inverse_ttc, impact_speed, gap) == (0.0, 0.0, math.inf)
     assert 0.0 < of_width[2.5][0, 0] < math.inf  # 20^2 / 2 / 5 = 40 m of braking are enough
+
+
+@pytest.mark.parametrize(
+    "search, sentence",
+    [
+        (Search(3), "`obstacle` of the zone of scenario `pedestrian_crossing` must be an actor, 0"),
+        (Search(0, lambda values: 1.0 / 0.0), "`pedestrian_crossing` failed: ZeroDivisionError"),
+        (Search(0, lambda values: "soon"), "`pedestrian_crossing` failed: ValueError"),
+    ],
+)
+def test_a_zone_rule_of_ones_own_that_fails_has_a_message(search, sentence):
+    """An index of no actor was read beyond the arrays; an exception was a traceback."""
+    crossing = replace(catalogue.load("pedestrian_crossing"), search=search)
+    with refusal(sentence):
+        encounter(crossing, sample(crossing).points[:2], ZONES)
 
 
 @each
