@@ -1,14 +1,15 @@
 """Criticality measures of one recorded case, in the terms of traffic safety and type approval: TTC,
 THW, DRAC, PET, delta-v, and how well a lane was kept.
 
-Everything is measured along the road, x, at the ego's samples. A vehicle is in the ego's path if
+Distances and speeds are along the road, x, at the ego's samples, unless a measure says otherwise. A
+vehicle is in the ego's path if
 the two bodies overlap across the road, |y_other - y_ego| < (w_ego + w_other)/2, and ahead if its
 centre is in front of the ego's. Of the vehicles ahead in the path the nearest counts, sample by
 sample. A measure is nan if it is not defined in the case, inf if it is unbounded.
 
-Users: `scoring/` (which puts the measures into cases.csv), `cases.py`, `method/`. Fixed: the
-smoothing of `smooth_motion`, with which `plausibility.MOTORWAY_PEOPLE` was measured; names of
-fields, which are columns of cases.csv.
+Users: `scoring/` (which puts the measures into cases.csv), `method/`. Fixed: the smoothing of
+`smooth_motion`, with which `plausibility.MOTORWAY_PEOPLE` was measured; names of the fields of
+`CriticalityMeasures` and `LaneKeeping`, which are columns of cases.csv.
 """
 
 from typing import NamedTuple
@@ -29,7 +30,7 @@ from sumo_eval.trajectory import (
 )
 
 TOUCH = 1e-3
-"""m; bodies that are nearer touch. A quotient by such a small gap, as in the last sample before a
+"""m; bodies nearer than this touch. A quotient by such a small gap, as in the last sample before a
 contact, would mean nothing."""
 CLOCK = 0.1
 """Time between two samples of `smooth_motion`, s, whatever the recording's own rate."""
@@ -37,8 +38,8 @@ SLOPE_SAMPLES = 11
 """Samples of the line that `smooth_motion` fits for a derivative: 1 s, so that a tracker's noise of
 a few centimetres adds less than 0.1 m/s and 0.2 m/s2."""
 UNREST_SAMPLES, UNREST_CHANGES = 7, 20
-"""Unrest is the sum of |change| over 20 steps (2 s) of the speed's slope over 7 samples (0.6 s), so
-that noise of 0.05 m/s adds less than 2 m/s2."""
+"""Samples of a line fitted to the speed (0.6 s), and steps of 0.1 s (2 s). Unrest is the sum of the
+line's |changes of slope| over these steps: noise of 0.05 m/s adds less than 2 m/s2."""
 STANDING = 0.1
 """Below this speed, m/s, a vehicle stands."""
 
@@ -58,7 +59,7 @@ class CriticalityMeasures:
     delta_v: change of the ego's speed by a collision, m/s; nan without a collision.
     max_lateral_jerk: m/s3, across the ego's heading.
 
-    A frontal contact has min_thw, min_gap and pet 0; if the ego was closing, also min_ttc 0, and
+    A frontal contact of an ego that moves has min_thw, min_gap and pet 0; if the ego was closing, also min_ttc 0, and
     max_ittc and max_drac inf. An ego that never closes on a lead vehicle has min_ttc inf, max_ittc
     and max_drac 0. Without a lead vehicle in the path, min_ttc to max_drac are nan.
     """
@@ -142,6 +143,10 @@ def measures(
     """
     ttc = least(course.ttc)
     steps = np.diff(ego.time)
+    # The sample of a contact may come right after another. It counts as if a whole interval later:
+    # else any change of acceleration in this short time would be a jerk of hundreds of m/s3.
+    interval = np.median(steps) if len(steps) > 1 else CLOCK
+    whole = np.where(steps < 0.99 * interval, interval, steps)
     # acceleration across the heading, m/s2: speed times rate of turn
     lateral = ego.speed[1:] * np.diff(np.unwrap(ego.heading)) / steps
     return CriticalityMeasures(
@@ -152,10 +157,9 @@ def measures(
         max_drac=largest(deceleration_to_avoid(course.gap, course.closing)),
         pet=post_encroachment_time(ego, actors, collision),
         max_deceleration=max(0.0, -float(ego.acceleration.min())),
-        max_jerk=largest(np.abs(np.diff(ego.acceleration) / steps)),
+        max_jerk=largest(np.abs(np.diff(ego.acceleration) / whole)),
         delta_v=np.nan if collision is None else velocity_change(collision),
-        # steps below CLOCK count as CLOCK: the sample of a contact may come right after another
-        max_lateral_jerk=largest(np.abs(np.diff(lateral) / np.maximum(steps[1:], CLOCK))),
+        max_lateral_jerk=largest(np.abs(np.diff(lateral) / whole[1:])),
     )
 
 

@@ -110,6 +110,16 @@ def test_lateral_jerk_is_that_of_the_turn():
         assert measures(turn, {}).max_lateral_jerk == pytest.approx(jerk, rel=0.15)
 
 
+def test_jerk_ignores_how_soon_a_contact_follows_a_sample():
+    """Braking rises by 60 m/s3: by 6 m/s2 in 0.1 s. A contact 1 ms after a sample, within the next
+    step, has 3 m/s2 more: not 3 / 0.001 = 3,000 m/s3."""
+    time = np.append(TIME, TIME[-1] + 1e-3)
+    braking = -np.minimum(np.arange(len(time)) * 6.0, 6.0)
+    braking[-1] -= 3.0
+    ego = replace(constant(0.0, 20.0, time=time), acceleration=braking)
+    assert measures(ego, {}).max_jerk == pytest.approx(6.0 / (TIME[1] - TIME[0]))
+
+
 def scene(seed):
     """An ego that wanders and brakes among three vehicles, one of which leaves or enters its lane."""
     rng = np.random.default_rng(seed)

@@ -45,9 +45,10 @@ def plain_measures(ego, actors, collision):
     gap, closing = gap[seen], np.maximum(ego.speed * np.cos(ego.heading) - v, 0.0)[seen]
     ittc = np.where(closing == 0, 0.0, np.where(gap < TOUCH, np.inf, closing / gap))
     thw = gap / (ego.speed * np.cos(ego.heading))[seen]
-    jerks = abs(np.diff(ego.acceleration) / np.diff(ego.time))
+    apart = np.maximum(np.diff(ego.time), 0.1)  # s; a contact's sample counts as 0.1 s later
+    jerks = abs(np.diff(ego.acceleration) / apart)
     aside = np.diff(ego.speed[1:] * np.diff(ego.heading) / np.diff(ego.time))
-    aside = abs(aside / np.maximum(np.diff(ego.time)[1:], 0.1))
+    aside = abs(aside / apart[1:])
     speeds = slopes(np.interp(np.arange(ego.time[0], ego.time[-1] + 1e-6, 0.1), ego.time, ego.y))
     most, least = (lambda values, of=of: of(values, default=math.nan) for of in (max, min))
     return (
