@@ -213,7 +213,7 @@ def share_of_duration(done: float) -> float:
 
 @kernel
 def share_when_done(done: float) -> float:
-    """`share_of_duration` without the check, by bisection."""
+    """`share_of_duration`, the inverse of `smooth_step`, without the check; by bisection."""
     low, high = 0.0, 1.0
     for _ in range(40):  # to 1e-12
         middle = 0.5 * (low + high)

@@ -10,7 +10,8 @@ that it knows, as `MOVER`s; watched, its memory of each vehicle, of `WATCHED`; h
 scenario, a `SCENARIO` record.
 
 Users: `ads/foresight.py`, `ads/lane_changer.py`, `drivers/synthetic/driver.py`,
-`drivers/synthetic/population.py`.
+`drivers/synthetic/population.py`. Fixed: constants and order of operations, which decide how
+`lane_changer`, the synthetic drivers and evasions drive.
 """
 
 from math import inf, isfinite
@@ -60,8 +61,8 @@ LEAST_SPEED = 2.0  # m/s; a slower ego does not overtake
 COMES_TOWARDS = 1.0  # m/s against the ego's direction, above which a vehicle is oncoming
 
 # s, headway that is left to the vehicle behind once it is as slow as the ego. UN R79, 5.6.4.7 (lane
-# change, ACSF C): for this, that vehicle need not brake harder than `REAR_DECELERATION`, and not
-# before `REAR_DELAY` after the ego's side has come to the line between the lanes.
+# change, ACSF C): to become so slow, it need not brake harder than `asked_change.REAR_DECELERATION`
+# and not before `REAR_DELAY` after the ego's side has come to the line between the lanes.
 REAR_HEADWAY = 1.0
 
 
@@ -104,7 +105,8 @@ OVERTAKING = [
 
 path: the ego's path, which it steers along.
 cruising_speed: speed at the start of the case, m/s.
-curvature: of the road beside the path's lane, 1/m, as `curvature_kept` has it.
+curvature: curvature that the ego steers, 1/m; at first that of its lane. `lane_change.steering`
+    reads it and writes the new one.
 desired_speed: of this step, m/s.
 free: acceleration wanted in this step with nothing in the way, m/s2.
 began: 1 after the first step.
@@ -138,7 +140,7 @@ def overtake(
         memory.began = 1
         memory.cruising_speed = me.speed
         keep_lane(memory.path, me, scenario.road)
-        memory.curvature = curvature_kept(memory.path, me)
+        memory.curvature = curvature_kept(memory.path, me)  # where `steering` begins
     allowed = inf  # strongest acceleration during the requested lane change, m/s2
     if way.asked:
         allowed = change_as_asked(
@@ -155,14 +157,13 @@ def overtake(
         ):
             # on the new path other vehicles are in the way
             _find_leads(memory, me, others, watched, scenario)
-        # It will overtake once it is near enough: until then it keeps its speed, follows no lead.
-        # In an emergency that it cannot evade, it has to brake.
         elif (
-            not emergency
+            not emergency  # in an emergency that it cannot evade, it has to brake
             and pays
             and not near
             and _left_is_free(memory, me, others, habits.duration, False, scenario)
         ):
+            # it will overtake once it is near enough: until then it drives as if the road were free
             return float(memory.free)
     wanted: float = min(memory.free, allowed)
     for j in range(len(others)):
@@ -205,7 +206,7 @@ def _has_left_lane(memory: Any, me: Any, road: Any) -> bool:
     if road.shaped == 0:
         return True
     begin, end = -inf, inf  # x between which both lanes are there, side by side, m
-    if lane == 0:
+    if lane == 0:  # the ego is in the rightmost lane already, so it need not open any more
         begin, end = road.right_parted_until, road.right_parted_from
     if lane + 2 == road.lanes:  # of the lanes to change to, only the leftmost may open or end
         begin = max(begin, road.left_is_open, road.left_parted_until)
@@ -350,6 +351,7 @@ def _duration(
         if smooth_step(level / shortest) < share:
             return -1.0
         if smooth_step(level / duration) < share:
+            # the ego has covered `share` of the offset when it comes level
             duration = max(level / share_when_done(share), shortest)
     return float(duration)
 

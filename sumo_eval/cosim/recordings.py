@@ -49,7 +49,7 @@ def end_case(world: World, row: int) -> None:
         hit,
         reason,
         _clips(world, row, case),
-        commands=None if hit is None else world.kept[row, : world.steps].copy(),
+        commands=None if hit is None else world.commands[row, : world.steps].copy(),
     )
 
 

@@ -29,8 +29,8 @@ class Scenes(NamedTuple):
     seen: the actors as rules see them, (n, m).
     samples: (n, 1 + m, instants, channels).
     shown: x and y of the front bumper, angle and speed of the actors, (n, m, 4).
-    kept: what moved the egos in each step, (n, steps, values): their commands if the vehicle model
-        moves all egos, else their motion as in `_NEXT`.
+    commands: what moved the egos in each step, (n, steps, values): their commands if the vehicle
+        model moves all egos, else their motion as in `_NEXT`.
     """
 
     egos: Records
@@ -39,7 +39,7 @@ class Scenes(NamedTuple):
     seen: Records
     samples: FloatArray
     shown: FloatArray
-    kept: FloatArray
+    commands: FloatArray
 
 
 MOVER = np.dtype(

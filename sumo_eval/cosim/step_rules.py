@@ -494,18 +494,18 @@ def _end(ego: Any, others: Any, scenario: Any, now: float) -> int:
 
 
 @kernel
-def _keep(kept: FloatArray, ego: Any) -> None:
+def _keep(numbers: FloatArray, ego: Any) -> None:
     """Keep what moved an ego in a step: `cosim/no_return.py` replays it.
 
-    kept: receives the command, 2 numbers, or the motion, 6, as in `Scenes`.
+    numbers: receives the command, 2 numbers, or the motion, 6, as `commands` of `Scenes`.
     """
     command, at = ego.command, ego.map
-    if len(kept) == 2:
-        kept[0], kept[1] = command.acceleration, command.steering
+    if len(numbers) == 2:
+        numbers[0], numbers[1] = command.acceleration, command.steering
         return
     values = at.x, at.y, at.heading, ego.speed, ego.acceleration, ego.steering
     for k, value in enumerate(values):
-        kept[k] = value
+        numbers[k] = value
 
 
 @rows
@@ -525,7 +525,7 @@ def see_rows(
     as_read: not 0 if the actors are where SUMO shows them, not where their scripts put them.
     """
     egos, others, seen = scenes.egos, scenes.others, scenes.seen
-    samples, kept = scenes.samples, scenes.kept
+    samples, commands = scenes.samples, scenes.commands
     ended = 0
     step = scenario[0].step
     for i in range(len(egos)):
@@ -536,9 +536,9 @@ def see_rows(
             _sample_row(ego, others[i], samples[i])
             ended += 1
             continue
-        # false only in `EpisodeRows`, which steps without end and never reads `kept`
-        if steps <= kept.shape[1]:
-            _keep(kept[i, steps - 1], ego)
+        # false only in `EpisodeRows`, which steps without end and never reads `commands`
+        if steps <= commands.shape[1]:
+            _keep(commands[i, steps - 1], ego)
         now = (steps - ego.begun) * step
         if as_read:
             _stand_row(ego, others[i], scenes.shown[i], scenes.clips[i], line, now, sampling)

@@ -62,8 +62,8 @@ from sumo_eval.trajectory import (
 )
 
 _CODES: dict[Any, Any] = {}
-"""The rules of a step as machine code (`kernels.bound`), which is called in a third of the time.
-One for all worlds, as their arrays have the same types."""
+"""The rules of a step as machine code (`kernels.bound`): called directly, it takes a third of the
+time of a call through numba. One for all worlds, as their arrays have the same types."""
 _HELD = 0.99  # largest share of the tyres' grip that an ego uses when it begins in a curve
 _ARRIVED = 0.101  # m; SUMO removes a vehicle whose front is nearer to the end of the last lane
 
@@ -71,7 +71,9 @@ _ARRIVED = 0.101  # m; SUMO removes a vehicle whose front is nearer to the end o
 def described(
     road: Road, vehicles: Sequence[VehicleSettings], settings: SimulationSettings
 ) -> Records:
-    """Two `SCENARIO` records for each of these vehicles, of rows with this road.
+    """Two `SCENARIO` records for each of these vehicles on this road.
+
+    vehicles: the egos' own.
 
     They differ in `step`: the first has the time step, s, the second the cycle of decisions
     (`records.CYCLE`), rounded to whole steps.
@@ -129,6 +131,7 @@ class World:
     egos (n,), others (n, m): the vehicles' records.
     players: the actors' scripts.
     scenes, cast: named tuples that hold these arrays for the kernels (`gather`).
+    samples, seen, clips, commands: as in `Scenes`.
     tell: what SUMO receives in this step, a row for each vehicle, as in `move_rows`.
     shown: x, y, angle and speed of the actors as SUMO shows them, (n, m, 4).
     going: number of cases that have not ended.
@@ -164,7 +167,7 @@ class World:
         self._take_scripts()
         self._make_room(placed)
         self.gather()
-        # without a call: compiled or loaded here, not within a timed step
+        # these three are not called yet, but compiled or loaded here, not within a timed step
         _code(move_rows, self.cast, self.clips, self.tell, self.scenario, 0, 0)
         _code(see_rows, self.scenes, self.scenario, self.cast.line, 0, 0, 0)
         _code(read_rows, self.egos, self.shown, self.scenario, self.rows, self.tell, self.rows)
@@ -196,7 +199,7 @@ class World:
         self.end_of_lanes = road.end - _ARRIVED
         self.none_leaves_before = 0.0
         acts = self.players.acts
-        # whether moves wait for conditions or the end of a step
+        # whether moves wait: for a condition (`steps`: length of its program), or for a step's end
         self.waits = bool(((acts["steps"] > 0) | (acts["kind"] == FOLLOW)).any())
         self.cast = Cast(self.egos, self.others, *self.players, knots_of(road.line))
 
@@ -209,12 +212,14 @@ class World:
         self.shown = np.zeros((n, m, 4))
         self.tell = np.zeros((n * (1 + m), 8))  # as in `move_rows`
         room = 512 if n == 1 else 64  # instants
-        self._free = room - 3  # free instants of `samples`, less the first and two spare
-        # `empty`: no kernel reads what none has written
+        # free instants of `samples`, less the first one, and one more than is needed for the sample
+        # at an end, for which `room_for_samples` is not called
+        self._free = room - 3
+        # `empty`: kernels read only what kernels have written
         self.samples = np.empty((n, 1 + m, room, len(CHANNELS)))
         every = round(settings.record_interval / settings.step)  # steps from one sample to the next
         model = placed == MODEL and settings.plant is None  # the vehicle model moves all egos
-        self.kept = np.empty((n, room * every, 2 if model else 6))
+        self.commands = np.empty((n, room * every, 2 if model else 6))
 
     def begin_as_model(self, case: int) -> None:
         """Begin a case again, before its first step: the vehicle model takes over the ego."""
@@ -225,21 +230,22 @@ class World:
         if road.bent:
             _put_in_curve(self.egos[row : row + 1], road, self.each[case].vehicle)
             self.egos["samples"][row] = 0
+            # of all rows: the others are as they were, and keep their first sample
             _run(begin_rows, self.cast, self.seen, self.samples, self.scenario)
 
     def gather(self) -> None:
         """Make `scenes` and `cast` again, after an array that they hold has been replaced."""
         self.scenes = Scenes(
-            self.egos, self.others, self.clips, self.seen, self.samples, self.shown, self.kept
+            self.egos, self.others, self.clips, self.seen, self.samples, self.shown, self.commands
         )
         self.cast = Cast(self.egos, self.others, *self.players, self.cast.line)
 
     def move(self, *, to_sumo: int, as_read: bool = False) -> tuple[int, Sequence[int]]:
         """Move all vehicles to the end of the coming step; return the number of rows of `tell`, and
-        the numbers, as in `tell`, of the actors that have left.
+        of the actors that leave the network in it their numbers, which `tell` has no rows of.
 
         to_sumo: what SUMO receives in this step, as in `move_rows`.
-        as_read: whether the actors are where SUMO shows them.
+        as_read: whether actors get their places and speeds from SUMO, not from their scripts.
         """
         steps = self.steps + 1
         count = _CODES[move_rows](self.cast, self.clips, self.tell, self.scenario, steps, to_sumo)
@@ -271,6 +277,7 @@ class World:
             return False
         # all front bumpers are behind this x, m
         near = float((self.others["x"] + self.others["length"]).max(initial=-math.inf))
+        # a step earlier, as `now` is the end of a step that has not been driven
         self.none_leaves_before = now + (self.end_of_lanes - near) / FASTEST - self.settings.step
         return now > self.none_leaves_before
 
@@ -313,6 +320,7 @@ class World:
 
     def wake(self, now: float) -> None:
         """Begin the moves whose conditions became true in the step that ends `now`, s."""
+        # `time` is still the step's beginning, as `see` counts the step
         _run(wake_rows, self.cast, now, self.time)
         self.put_on_map()
 
@@ -332,7 +340,7 @@ class World:
 
     @property
     def live(self) -> IntArray:
-        """The rows that have not ended."""
+        """The rows of cases whose recordings are not made yet."""
         return np.flatnonzero(self.egos["live"])
 
     def case_of(self, row: int) -> int:
@@ -343,7 +351,7 @@ class World:
         """Count a clip that no kernel counts, and keep its worst instance.
 
         requested, applied: the two numbers of the clip; their meaning depends on `what`.
-        values: `count`, and `first`, the first time, s, where they are not 1 and now.
+        values: `count` and `first` (time, s) to set, where they are not counted here, one now.
         """
         notes = self.notes[case]
         name: Any = what  # a name; kernels pass `count_clip` a number
@@ -353,7 +361,7 @@ class World:
     def keep_fault(self, case: int, error: BaseException, code: Any, folder: Path | None) -> None:
         """Keep the place of an exception in the user's code, and its traceback for the log.
 
-        The log leaves out the traceback of a refused or late answer without such a place.
+        The log has no traceback of a ControllerError (a refused or late answer) without a place.
 
         code: the user's function or object. folder: as of `fault_place`.
         """
@@ -374,9 +382,9 @@ class World:
             self.note(0, what, count, count, count=count, first=0.0)
 
     def leave(self, row: int, why: Alone) -> None:
-        """Remove a case from its batch; it restarts alone."""
+        """Note that a case leaves its batch, to restart alone; the loop drops its row."""
         self.left[self.case_of(row)] = why
-        self.egos["reason"][row] = SIM_ERROR
+        self.egos["reason"][row] = SIM_ERROR  # any reason ends the row; no recording is made of it
 
     def fail(self, row: int, reason: EndReason, sentence: str) -> None:
         """Mark a case as ended for a reason, with an error message."""
@@ -389,13 +397,14 @@ class World:
         self._free -= 1
         if self._free < 0:
             self._free += self.samples.shape[2]
-            self.samples, self.kept = _twice_as_long(self.samples), _twice_as_long(self.kept)
+            self.samples = _twice_as_long(self.samples)
+            self.commands = _twice_as_long(self.commands)
             self.gather()
 
     def keep(self, rows: IntArray) -> None:
         """Drop all rows but these; keep their order."""
         for name in (
-            "rows", "egos", "others", "clips", "seen", "shown", "samples", "kept"
+            "rows", "egos", "others", "clips", "seen", "shown", "samples", "commands"
         ):  # fmt: skip
             setattr(self, name, getattr(self, name)[rows])
         if len(self.scenario) > 2:  # two records for each row
@@ -469,9 +478,10 @@ def corner(egos: Records, of_line: Any, limits: Any) -> Any:
     alpha = np.arctanh(np.clip(speed * speed * bend / limits.friction / GRAVITY, -_HELD, _HELD))
     alpha *= limits.dynamic / limits.cornering_stiffness
     egos["steering"] = limits.steering_ratio * np.arctan(turn)
+    # slip: of the centre of gravity, which is `front_share` of the wheelbase behind the front axle
     egos["slip"] = turn - turn * limits.front_share - alpha
     egos["yaw_rate"] = speed * bend
-    turned = alpha - np.arctan(0.5 * turn)
+    turned = alpha - np.arctan(0.5 * turn)  # of the body, whose middle is between the axles
     egos["heading"] += turned
     egos["map"]["heading"] += turned
     return bend

@@ -79,9 +79,9 @@ def marginal_likelihood(
     variances: of each target, added to K's diagonal, (n,).
     """
     n = len(target)
-    # Squared distances along each coordinate, (k, n*n). For `by_scales` below they are summed with
-    # the factors `inner`, which are right above the diagonal only: hence doubled above it, instead
-    # of the equal terms below it, and 0 below.
+    # Squared distances along each coordinate, (k, n*n), doubled above the diagonal and 0 below it.
+    # `by_scales` below sums their products with a symmetric matrix, of which LAPACK gives only the
+    # upper half.
     squares = (points.T[:, :, None] - points.T[:, None, :]) ** 2
     squares = 2.0 * np.triu(squares).reshape(points.shape[1], -1)
 
@@ -109,9 +109,9 @@ def marginal_likelihood(
         inner -= inverse.T
         diagonal = inner.diagonal().copy()
         by_noise = parameters.noise * float(diagonal.sum())
-        # K has the variances on its diagonal: dK / d log sf^2 = K - sn^2 I - diag(variances), and
-        # the trace of `inner` with each of the three is one term below. With K it is
-        # weights^T y - n, because K weights = y.
+        # K has the variances on its diagonal: dK / d log sf^2 = K - sn^2 I - diag(variances). So
+        # tr(inner dK) has three terms. The first is tr(inner K) = weights^T y - n, because
+        # K weights = y.
         by_signal = float(target @ weights) - n - by_noise - float(diagonal @ variances)
         # dK / d log sl = K (x - x')^2 / sl^2 for each coordinate, element by element
         inner *= k

@@ -4,9 +4,9 @@ libsumo accepts a second `start` silently, delays insertions, and reports a bad 
 "Process Error". So this file refuses a second session, checks that SUMO shows the requested start,
 and quotes SUMO's own log.
 
-Users: `cosim/` opens sessions, for cases and for the gym; its stages check starts, and later
-places in curves within `bend_tolerance`;
-`cosim/doors/traci_program.py` and `extras/bench/costs.py` start SUMO by its command line.
+Users: `cosim/` opens sessions, for cases and for the gym, and checks starts; in a curve it also
+compares every later place within `bend_tolerance`. `cosim/doors/traci_program.py` and
+`extras/bench/costs.py` start SUMO by its command line. Fixed: SUMO's options and the tolerances.
 """
 
 from __future__ import annotations
@@ -97,7 +97,7 @@ def running(
     end.
 
     network, routes: the files' texts.
-    road: of a single case; None: a batch has many.
+    road: of a single case; None: of a batch, whose files have a road for each case.
     collisions: SUMO's `collision.action`; "none" for a batch, whose roads overlap on the map.
 
     The caller checks that the vehicles stand where they should (`check_start`).
@@ -221,7 +221,8 @@ def _arguments(
         **SIMULATION_OPTIONS,
         "collision.action": collisions,
     }
-    # SUMO seeds 64 random generators, which takes longer than one for each lane
+    # SUMO seeds 64 random generators by default, but a simulation needs only one for each of its
+    # lanes, and seeding takes time. In a user's network the lanes are not counted here.
     if road is not None and road.network is None:
         options["thread-rngs"] = str(road.lanes)
     return ["sumo", *(part for name, value in options.items() for part in (f"--{name}", value))]
@@ -233,7 +234,7 @@ def bend_tolerance(road: Road, y: Any) -> Any:
     SUMO puts the vehicle on the normal of a chord of the line. The chord's normal is turned from
     the curve's normal by at most half a segment over the radius, rad. At |y| this adds the angle
     times |y| to the chord's own distance, some mm, for which half of `CHORD_TOLERANCE` is ample.
-    Near the line, where the sum is smaller than that, the whole `CHORD_TOLERANCE` is allowed.
+    The result is at least the whole `CHORD_TOLERANCE`, also near the line.
 
     y: of the vehicle, across the road's line, m.
     """
@@ -252,12 +253,12 @@ def check_start(
     """Raise SimulationError unless SUMO shows every vehicle as it was to be inserted.
 
     SUMO may move a vehicle or delay its insertion. The place and speed of insertion are those of
-    the start, except for an actor with a place on the map, which must only be there, and for one
-    that SUMO's model drives: its speed is its `departure_speed`.
+    the start, with two exceptions: an actor with a place on the map must only have been inserted
+    somewhere, and one that SUMO's model drives has its `departure_speed`.
 
     names: of the vehicles in SUMO, the ego's first; None: as in the scenario.
-    by_map: whether vehicles on a curved road are always compared on the map. Else this holds where
-        SUMO's models drive no actor, and places along the lanes are compared where they do.
+    by_map: on a curved road, whether places on the map are compared. False: only if SUMO's models
+        drive no actor; if they do, places along the lanes are compared.
     """
     road = concrete.road
     calls = vehicles(traci)
@@ -282,6 +283,7 @@ def check_start(
             tolerance = bend_tolerance(road, start.y)
             # both are the distance on the map: in a curve, 1 m of x may be more or less than that
             ahead = left = math.hypot(x - meant[0], y - meant[1])
+            # for the message below: the place along and across the road
             x, y = (float(it) for it in frame_places(road.line, x, y, near=front)[:2])
         else:
             if road.bent:  # SUMO drives vehicles here: compare places along their lanes

@@ -39,7 +39,7 @@ class Lane(NamedTuple):
 
     number: `id` in the file, above 0 to the left of the road's reference line, else below 0.
     kind: `type` in the file, as `driving` or `shoulder`.
-    centre: of the lane to the left of the reference line, m.
+    centre: distance of the lane's middle from the reference line, to the left, m.
     width: m.
     """
 
@@ -68,7 +68,8 @@ class MapRoad:
     name: `id` in the file.
     begin: where the reference line begins on the map, and its direction there.
     line: the reference line.
-    lanes: by number; scenarios also write it as `-1.0`, which is the same key.
+    lanes: of both directions of travel, by number; scenarios also write it as `-1.0`, which is the
+        same key.
     left_out: words for contents of the file that have no effect.
     """
 
@@ -203,17 +204,20 @@ def _road(element: Node, name: str) -> MapRoad:
     sections, length = element.all("lanes/laneSection"), length_of(line)
     if sections and sections[0].number("s", 0.0) != 0.0:
         raise sections[0].fault("the first <laneSection> must begin at s = 0")
+    # flat: heights and tilts are looked at below
     shift = lane_offset(element.element, owner, length, flat=True)
     lanes = [_lanes(it, shift, length) for it in sections]
     if not lanes or lanes.count(lanes[0]) < len(lanes):
         must = "its lanes must be the same in every <laneSection>: lanes that begin, end or change"
         raise element.fault(f"{must} are not supported (got {len(sections)} sections)")
     heights, *tilts = (cubics_of(element.all(it), "s", Node.number) for it in PROFILES)
-    # any constant height is level; a tilt must be 0 everywhere, so a 0 at s = 0 is put before it
+    # level: with one height, whatever it is, and all tilts 0; a 0 before the tilts makes `constant`
+    # compare each with 0
     level = constant(heights, length) and constant([(0.0, 0.0), *chain(*tilts)], length)
     widths = [it.width for it in lanes[0].values() if it.kind in DRIVEN]
-    # The report names these contents, because an ADS cannot know of them: it overtakes on the left
-    # in left-hand traffic too, and a lane of another width than the ego's is off the road here.
+    # The report names these contents, because an ADS cannot know of them: an ADS overtakes on the
+    # left in left-hand traffic too, and lanes of another width than the ego's do not belong to the
+    # road on which the case is driven (`frame._lanes`).
     kinds = {
         "elevation": not level or element.all(SURFACE),
         "left-hand traffic": element.get("rule") == "LHT",
