@@ -59,9 +59,10 @@ class CriticalityMeasures:
     delta_v: change of the ego's speed by a collision, m/s; nan without a collision.
     max_lateral_jerk: m/s3, across the ego's heading.
 
-    A frontal contact of an ego that moves has min_thw, min_gap and pet 0; if the ego was closing, also min_ttc 0, and
-    max_ittc and max_drac inf. An ego that never closes on a lead vehicle has min_ttc inf, max_ittc
-    and max_drac 0. Without a lead vehicle in the path, min_ttc to max_drac are nan.
+    A frontal contact of an ego that moves has min_thw, min_gap and pet 0; if the ego was closing,
+    also min_ttc 0, and max_ittc and max_drac inf. An ego that never closes on a lead vehicle has
+    min_ttc inf, max_ittc and max_drac 0. Without a lead vehicle in the path, min_ttc to max_drac
+    are nan.
     """
 
     min_ttc: float
