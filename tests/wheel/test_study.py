@@ -192,7 +192,7 @@ def test_participants_drive_and_rate_and_a_run_takes_them_as_its_people(plan, tm
     assert found.with_drives == 3
     assert found.drives == 5
     assert found.ratings == 6
-    assert sorted((it.participant, it.why) for it in found.left) == [
+    assert sorted((it.participant, it.why) for it in found.discarded) == [
         ("P02", "the drive broke off, and was rerun"), ("P03", "ended before its end"),
     ]  # fmt: skip
     assert len(rows_of(plan.folder / "drives" / "cases.csv")) == 5
@@ -206,9 +206,9 @@ def test_participants_drive_and_rate_and_a_run_takes_them_as_its_people(plan, tm
     assert collect(plan) == found
     assert (plan.folder / "drives" / "cases.csv").read_bytes() == before
     # a tape that cannot be read marks no finished drive of its case
-    stray = plan.folder / "participants" / "P01" / f"{found.left[0].case}-009.jsonl"
+    stray = plan.folder / "participants" / "P01" / f"{found.discarded[0].case}-009.jsonl"
     stray.write_text("nonsense")
-    assert len(collect(plan).left) == 3
+    assert len(collect(plan).discarded) == 3
     assert rows_of(plan.folder / "quality.csv") == quality
     stray.unlink()
     assert collect(plan) == found
@@ -224,7 +224,7 @@ def test_participants_drive_and_rate_and_a_run_takes_them_as_its_people(plan, tm
         "3 people took part in the study afternoon; 5 drives by 3 of them count, 2 are left out."
         in sentences[0]
     )
-    assert sentences[1:] == [f"{it.participant}, {it.case}: {it.why}." for it in found.left]
+    assert sentences[1:] == [f"{it.participant}, {it.case}: {it.why}." for it in found.discarded]
     study = plan.folder / "drives" / "study.json"
     content = read_json(study)
     study.write_text(json.dumps(content | {"drawn": {"in 3-D": 5}}))
@@ -315,8 +315,8 @@ def test_a_damaged_journal_is_refused_and_a_whole_line_stays(plan):
     entry = {"step": "drive:gone", "tape": "gone.jsonl", "answers": {}, "quality": {}}
     journal.write_text(f"{whole}\n{json.dumps(entry)}\n")
     (person.folder / "x-001.jsonl").write_text('{"format": 1}\n')
-    assert ("P09", "gone", "gone.jsonl", "no case of the study now") in collect(plan).left
-    assert ("P09", "x", "x-001.jsonl", "the drive broke off") in collect(plan).left
+    assert ("P09", "gone", "gone.jsonl", "no case of the study now") in collect(plan).discarded
+    assert ("P09", "x", "x-001.jsonl", "the drive broke off") in collect(plan).discarded
     later = enter(plan, "P10")
     shutil.rmtree(person.folder)
     assert enter(plan, "P11").number == person.number, "its order of cases is free again"

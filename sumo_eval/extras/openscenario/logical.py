@@ -246,6 +246,8 @@ def _read(path: Path, changed: int, given: tuple[tuple[str, str], ...]) -> Read:
     for name in ("flat", "zones"):  # checked only: they have no other value than 1
         _option_number(path, options, name, 1)
     file_space = read_space(path, FileOptions(options.get("ego"), options.get("map")))
+
+    # the road that the options choose, and the points with this road
     tried, refused = _tried(file_space)
     if not tried:
         raise InputError(
@@ -256,6 +258,9 @@ def _read(path: Path, changed: int, given: tuple[tuple[str, str], ...]) -> Read:
     number = _option_number(path, options, "road", len(frames)) - 1
     frame = frames[number]
     scenes = [(point, case) for point, case in tried if case.frame.shape == frame.shape]
+    cases = [case for _, case in scenes]
+
+    # the logical scenario, its zones and notes
     space, dropped = _without_doubles(_without_roads(file_space, frame, tried), scenes)
     if "zones" in options and len(space.axes) > _MOST_SEARCHED:
         # a search looks at the 3^k neighbours of a point again and again, k being the number of
@@ -265,13 +270,13 @@ def _read(path: Path, changed: int, given: tuple[tuple[str, str], ...]) -> Read:
             f"asked of a file with at most {_MOST_SEARCHED} parameters (without it every point "
             "counts as safe)", len(space.axes),
         )  # fmt: skip
-    logical, names = _logical(space, frame, scenes), _road_names(frames)
-    notes = _notes(path, scenes, dropped)
+    logical, names = _logical(space, frame, cases), _road_names(frames)
+    notes = _notes(path, cases, dropped)
     further = [
         f"{count} of the points that were tried are not supported: {why}"
         for why, count in refused.items()
     ]
-    search = _search(scenes, logical.road)
+    search = _search(cases, logical.road)
     if isinstance(search, str):
         further.append(f"No zone can be defined, so every point counts as safe: {search}.")
     elif "zones" in options:
@@ -281,6 +286,8 @@ def _read(path: Path, changed: int, given: tuple[tuple[str, str], ...]) -> Read:
             "No zones are searched, so every point counts as safe: `?zones=1` behind the file's "
             "name asks for them."
         )
+
+    # its name: of the file, and of what tells it from others of this file
     road = [names[number]] if len(frames) > 1 else []
     ego = [re.sub(r"[^A-Za-z0-9]+", "_", options["ego"])] if options.get("ego") else []
     name = "_".join([file_space.name, *road, *ego])
@@ -297,7 +304,7 @@ def _option_number(path: Path, options: Mapping[str, str], name: str, most: int)
     return int(written)
 
 
-def _notes(path: Path, scenes: Scenes, dropped: Sequence[str]) -> list[str]:
+def _notes(path: Path, cases: Sequence[FileCase], dropped: Sequence[str]) -> list[str]:
     """Sentences on what of a file has no effect.
 
     dropped: parameters on which no drive depends.
@@ -307,9 +314,9 @@ def _notes(path: Path, scenes: Scenes, dropped: Sequence[str]) -> list[str]:
         notes.append(
             f"Points that differ in {', '.join(dropped)} alone are driven alike, and are one point."
         )
-    if ignored := dict.fromkeys(kind for _, case in scenes for kind in case.ignored):
+    if ignored := dict.fromkeys(kind for case in cases for kind in case.ignored):
         notes.append(f"Not simulated: {', '.join(ignored)}.")
-    if len(ends := {case.ends for _, case in scenes}) > 1:
+    if len(ends := {case.ends for case in cases}) > 1:
         notes.append(
             f"The stop's time is not the same at all points: all last up to {max(ends):g} s."
         )
@@ -393,16 +400,16 @@ def _without_doubles(space: FileSpace, scenes: Scenes) -> tuple[FileSpace, tuple
     return space.with_choices(by_axis), tuple(dropped)
 
 
-def _logical(space: FileSpace, frame: Frame, scenes: Scenes) -> LogicalScenario:
-    """The logical scenario of a space in which every scene has the road `frame`."""
-    limit = max(case.ends for _, case in scenes)
-    body, *bodies = {case.ego_body for _, case in scenes}
+def _logical(space: FileSpace, frame: Frame, cases: Sequence[FileCase]) -> LogicalScenario:
+    """The logical scenario of a space in which every case has the road `frame`."""
+    limit = max(case.ends for case in cases)
+    body, *bodies = {case.ego_body for case in cases}
     if bodies:
         raise InputError(
             f"{space.name}.xosc, <ParameterValueDistribution>: the ego must be the same vehicle at "
             "all points."
         )
-    exported = scenes[0][1].exported
+    exported = cases[0].exported
     samples: tuple[NamedSample, ...] = ()
     constraints: tuple[Constraint, ...] = ()
     if space.axes:
@@ -420,7 +427,7 @@ def _logical(space: FileSpace, frame: Frame, scenes: Scenes) -> LogicalScenario:
         source=f"{space.name}.xosc, OpenSCENARIO {space.version}",
         parameters=tuple(parameters),
         constraints=constraints,
-        road=_road(frame, scenes, limit),
+        road=_road(frame, cases, limit),
         place=PlacedByFile(space, frame),
         ego_body=body,
         time_limit=limit,
@@ -430,7 +437,7 @@ def _logical(space: FileSpace, frame: Frame, scenes: Scenes) -> LogicalScenario:
         # synthetic drivers react to leads alone, not to an actor that moves across the road
         has_drivers=not any(
             _moves(actor) and math.cos(actor.heading) < _ALONG
-            for _, case in scenes
+            for case in cases
             for actor in case.actors
         ),
     )
@@ -494,16 +501,16 @@ def _parameter(axis: Axis, space: FileSpace) -> Parameter:
     )
 
 
-def _road(frame: Frame, scenes: Scenes, time_limit: float) -> Road:
+def _road(frame: Frame, cases: Sequence[FileCase], time_limit: float) -> Road:
     """The road up to where the fastest ego is after the time limit, s, or to its end in the file.
 
     Its speed at the start counts. The rest of the file's road stays behind the end of the cases.
     """
-    reach = max(case.ego.x + case.ego.speed * time_limit for _, case in scenes)
+    reach = max(case.ego.x + case.ego.speed * time_limit for case in cases)
     # an ego that starts from rest drives as fast as the ADS wants: the whole road
-    if any(case.ego.speed == 0.0 for _, case in scenes):
+    if any(case.ego.speed == 0.0 for case in cases):
         reach = frame.length
-    room = frame.length - max(0.5 * case.ego_body.length for _, case in scenes) - _BEFORE_END
+    room = frame.length - max(0.5 * case.ego_body.length for case in cases) - _BEFORE_END
     length = min(math.ceil(min(reach, frame.length) / _ROUND) * _ROUND, room)
     if frame.line:
         check_line(frame.line, frame.lanes, frame.lane_width, f"the road {frame.name}")
@@ -517,16 +524,16 @@ def _moves(actor: Actor) -> bool:
     return actor.start.speed > 0.0 or not all(map(changes_nothing, actor.acts))
 
 
-def _search(scenes: Scenes, road: Road) -> Search | str:
+def _search(cases: Sequence[FileCase], road: Road) -> Search | str:
     """The actor that zones are searched from, or a reason why no zone can be defined.
 
     It is the nearest actor that stands in the ego's way, otherwise the first that moves.
     """
     if road.bent:
         return "the road is curved"
-    if len({len(case.actors) for _, case in scenes}) > 1:
+    if len({len(case.actors) for case in cases}) > 1:
         return "some points have fewer actors"
-    case = scenes[0][1]
+    case = cases[0]
     moving = [k for k, actor in enumerate(case.actors) if _moves(actor)]
     in_way = [
         (it.start.x, k) for k, it in enumerate(case.actors)

@@ -75,7 +75,9 @@ def departures_in(run: Path) -> tuple[list[SceneDrive], int]:
 
     Raises InputError where there is none, and where the file of a scene has changed since.
     """
-    resolved, drives, left_out = resolved_run(run), [], 0
+    resolved = resolved_run(run)
+    drives = []
+    left_out = 0
     with open_store(run) as store:
         for fact in store.facts("ads"):
             # a run whose evaluation was edited may lack the scenario
@@ -94,7 +96,8 @@ def departures_in(run: Path) -> tuple[list[SceneDrive], int]:
                     next(reactions, None), fact.end_reason or fact.status,
                 )
             )  # fmt: skip
-    exposures, scenes = read_exposures(run), {it.scenario for it in drives}
+    exposures = read_exposures(run)
+    scenes = {it.scenario for it in drives}
     for entry, logical in resolved.entries:
         if logical.name in scenes:
             refuse_edited(logical.name, exposures.get(logical.name, {}), entry.use, resolved.source)

@@ -53,7 +53,7 @@ class StudyResult(NamedTuple):
     drives: number of drives that count.
     ratings: number of ratings.
     drawn: how the screen drew the road, in words -> number of drives that count.
-    left: drives that do not count.
+    discarded: drives that do not count.
     files: what was written: folder of drives, ratings, drives left out, evaluation.
     """
 
@@ -62,35 +62,37 @@ class StudyResult(NamedTuple):
     drives: int
     ratings: int
     drawn: dict[str, int]
-    left: tuple[DiscardedDrive, ...]
+    discarded: tuple[DiscardedDrive, ...]
     files: tuple[Path, ...]
 
     def sentences(self) -> list[str]:
         """The results in words."""
-        verb = "is" if len(self.left) == 1 else "are"
+        left_out = len(self.discarded)
         words = [
             f"{self.people} took part; {self.drives} drives by {self.with_drives} of them count, "
-            f"{len(self.left)} {verb} left out; {self.ratings} ratings."
+            f"{left_out} {'is' if left_out == 1 else 'are'} left out; {self.ratings} ratings."
         ]
         if self.drawn:
             words.append(f"  the road as it was drawn: {drawn_words(self.drawn)}.")
-        return words + [f"  left out: {it.participant}, {it.case}: {it.why}." for it in self.left]
+        return words + [
+            f"  left out: {it.participant}, {it.case}: {it.why}." for it in self.discarded
+        ]
 
 
 def collect(plan: StudyPlan) -> StudyResult:
     """Write the results of the study into its folder."""
     people, drives = participants(plan), plan.folder / DRIVES
     rows: list[Json] = []
-    left = []
+    discarded = []
     drawn: Counter[str] = Counter()
     for person in people:
         for case in plan.cases:
             entry = person.done.get(f"drive:{case.key}")
             if entry is None:
                 continue
-            drive = _drive(plan, person, case, entry)
+            drive = _counted_drive(plan, person, case, entry)
             if isinstance(drive, DiscardedDrive):
-                left.append(drive)
+                discarded.append(drive)
                 continue
             file = f"{person.code}/{case.key}.csv"
             _write_drive(drives / file, person.code, drive)
@@ -98,9 +100,9 @@ def collect(plan: StudyPlan) -> StudyResult:
             how = entry["quality"].get("drawn")
             if how is not None:
                 drawn[str(how)] += 1
-        left += [*_without_case(plan, person), *_unfinished(person)]
+        discarded += [*_without_case(plan, person), *_unfinished(person)]
     _write_table(plan, drives, rows)
-    ratings = _write_answers(plan.folder, people, left)
+    ratings = _write_answers(plan.folder, people, discarded)
     with_drives = len({row["file"].partition("/")[0] for row in rows})
     evaluation = write_page(
         plan.folder / "evaluation.toml", evaluation_of(plan, with_drives), "The evaluation"
@@ -110,12 +112,12 @@ def collect(plan: StudyPlan) -> StudyResult:
         "drawn": dict(drawn)
     }  # fmt: skip
     summary = {
-        "study": plan.settings.name, **counts, "left_out": [it._asdict() for it in left],
+        "study": plan.settings.name, **counts, "left_out": [it._asdict() for it in discarded],
         "quality": asdict(plan.settings.quality)
     }  # fmt: skip
     write_json(drives / STUDY, summary, "The summary")
     tables = (plan.folder / name for name in ("ratings.csv", "left_out.csv"))
-    return StudyResult(**counts, left=tuple(left), files=(drives, *tables, evaluation))
+    return StudyResult(**counts, discarded=tuple(discarded), files=(drives, *tables, evaluation))
 
 
 def _without_case(plan: StudyPlan, person: Participant) -> list[DiscardedDrive]:
@@ -146,7 +148,7 @@ def _write_drive(path: Path, driver: str, drive: Trajectory) -> None:
     write_csv(path, head, ((driver, *sample) for sample in samples))
 
 
-def _write_answers(folder: Path, people: list[Participant], left: list[DiscardedDrive]) -> int:
+def _write_answers(folder: Path, people: list[Participant], discarded: list[DiscardedDrive]) -> int:
     """Write ratings, answers, drives left out and the quality of all drives; count the ratings.
 
     A rating is the mean score that a participant gives an ADS in a scenario, over its replays.
@@ -167,9 +169,9 @@ def _write_answers(folder: Path, people: list[Participant], left: list[Discarded
         for question, answer in entry.get("answers", {}).items()
     ]
     write_csv(folder / "answers.csv", ("rater", "step", "question", "answer"), answers)
-    write_csv(folder / "left_out.csv", DiscardedDrive._fields, left)
+    write_csv(folder / "left_out.csv", DiscardedDrive._fields, discarded)
     names = [it.name for it in fields(Quality)]
-    why = {(it.participant, it.tape): it.why for it in left}
+    why = {(it.participant, it.tape): it.why for it in discarded}
     qualities = [
         [code, step.removeprefix("drive:"), *map(entry["quality"].get, names),
             why.get((code, entry["tape"]), "")]
@@ -179,7 +181,7 @@ def _write_answers(folder: Path, people: list[Participant], left: list[Discarded
     return len(ratings)
 
 
-def _drive(
+def _counted_drive(
     plan: StudyPlan, person: Participant, case: StudyCase, entry: Json
 ) -> Trajectory | DiscardedDrive:
     """A participant's drive of a case, or why it does not count.
