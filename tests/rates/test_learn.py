@@ -33,7 +33,7 @@ from sumo_eval.extras.rates.intervals import (
     rate_interval,
 )
 from sumo_eval.extras.rates.learn_page import PAGE, sentences, write_lesson
-from sumo_eval.extras.rates.learned import choose_model, fold_of, learn, measure
+from sumo_eval.extras.rates.learned import choose_model, folds_of, learn, measure
 from sumo_eval.extras.rates.measured import LEAD_MOVES
 from sumo_eval.extras.rates.scenes import content_of
 from sumo_eval.scenario.catalogue import find
@@ -195,7 +195,7 @@ def test_folds_leave_events_that_a_model_can_be_fitted_to():
     stream = np.random.default_rng(1)
     rows = np.column_stack([np.repeat([25.0, 30.0], 20), stream.normal(size=40)])
     egos = [{"recording": "r", "ego": ego} for ego in "ab" for _ in range(20)]
-    folds = fold_of(egos, rows)
+    folds = folds_of(egos, rows)
     assert set(folds) == set(range(5))
     box = tuple(rows.min(axis=0) - 1.0), tuple(rows.max(axis=0) + 1.0)
     joint = Joint("kde", ("speed", "gap"), tuple(map(tuple, rows.tolist())), *box)
@@ -412,7 +412,7 @@ def test_law_constraints_that_leave_too_few_events_are_counted():
 
 def test_events_of_one_ego_are_held_out_too():
     rows = np.random.default_rng(1).normal(size=(9, 1))
-    assert set(fold_of([{"recording": "r", "ego": "e"}] * 9, rows)) == set(range(5))
+    assert set(folds_of([{"recording": "r", "ego": "e"}] * 9, rows)) == set(range(5))
 
 
 def test_vehicle_from_a_ramp_moves_from_the_right_as_in_its_file():

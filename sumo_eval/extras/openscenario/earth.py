@@ -47,18 +47,18 @@ def on_map(position: Node, root: Node) -> tuple[float, float]:
 
     root: of that file, whose header has the projection.
     """
-    it = _projection(position, root.find("header/geoReference"))
+    numbers = _projection(position, root.find("header/geoReference"))
     latitude, longitude = position.number("latitudeDeg"), position.number("longitudeDeg")
     if not abs(latitude) < 90.0:
         raise position.fault(f"`latitudeDeg` must be between -90 and 90, got {latitude:g}")
     # north + 1j east of the place, and from there of the map's origin at its central meridian
-    at = transverse_mercator(math.radians(latitude), math.radians(longitude - it["lon_0"]))
-    at = it["k"] * (at - transverse_mercator(math.radians(it["lat_0"]), 0.0))
+    at = transverse_mercator(math.radians(latitude), math.radians(longitude - numbers["lon_0"]))
+    at = numbers["k"] * (at - transverse_mercator(math.radians(numbers["lat_0"]), 0.0))
     for offset in root.all("header/offset"):
         if offset.number("hdg", 0.0):
             raise offset.fault("a turned map is not supported")
         at -= complex(offset.number("y", 0.0), offset.number("x", 0.0))
-    return it["x_0"] + at.imag, it["y_0"] + at.real
+    return numbers["x_0"] + at.imag, numbers["y_0"] + at.real
 
 
 def _projection(position: Node, reference: Node | None) -> dict[str, float]:
@@ -71,10 +71,10 @@ def _projection(position: Node, reference: Node | None) -> dict[str, float]:
     """
     text = "" if reference is None else str(reference.element.text)
     parts = dict(_PART.findall(text))
-    it: dict[str, Any] = {"k": 1.0}
-    it |= dict.fromkeys(("x_0", "y_0", "lat_0", "lon_0", "k_0", "zone"), 0.0)
+    numbers: dict[str, Any] = {"k": 1.0}
+    numbers |= dict.fromkeys(("x_0", "y_0", "lat_0", "lon_0", "k_0", "zone"), 0.0)
     # PROJ reads `32N` (a zone) and `49N` (a latitude) as numbers, too
-    written = {name: number_of(parts[name].removesuffix("N")) for name in it if name in parts}
+    written = {name: number_of(parts[name].removesuffix("N")) for name in numbers if name in parts}
     kind = parts.get("proj"), parts.get("units", "m")
     utm = kind == ("utm", "m") and written.get("zone") in range(1, 61)
     if not (utm or kind == ("tmerc", "m")) or None in written.values() or _ELSEWHERE.search(text):
@@ -83,9 +83,10 @@ def _projection(position: Node, reference: Node | None) -> dict[str, float]:
             "84, with x to the east and y to the north, in m and decimal degrees, got "
             f"{text.strip() or 'none'}"
         )
-    it |= written
-    it["k"] = it["k_0"] or it["k"]  # two names of the scale, of which PROJ reads `k_0` first
+    numbers |= written
+    # two names of the scale, of which PROJ reads `k_0` first
+    numbers["k"] = numbers["k_0"] or numbers["k"]
     if utm:  # zones of 6 degrees; in the south y begins at 10,000 km
-        it |= {"x_0": 5e5, "y_0": 1e7 * ("+south" in text), "k": 0.9996}
-        it["lon_0"] = 6.0 * it["zone"] - 183.0
-    return it
+        numbers |= {"x_0": 5e5, "y_0": 1e7 * ("+south" in text), "k": 0.9996}
+        numbers["lon_0"] = 6.0 * numbers["zone"] - 183.0
+    return numbers

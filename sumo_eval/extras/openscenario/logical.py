@@ -66,8 +66,9 @@ _OPTIONS = (
 )  # fmt: skip
 """Options behind a file's name: name, unit, meaning."""
 
+Cases = Sequence[FileCase]
 Scenes = Sequence[tuple[dict[str, float], FileCase]]
-"""Points of the space that are supported, each with the scene there."""
+"""Points of the space that are supported, each with the case there."""
 
 
 @frozen
@@ -304,7 +305,7 @@ def _option_number(path: Path, options: Mapping[str, str], name: str, most: int)
     return int(written)
 
 
-def _notes(path: Path, cases: Sequence[FileCase], dropped: Sequence[str]) -> list[str]:
+def _notes(path: Path, cases: Cases, dropped: Sequence[str]) -> list[str]:
     """Sentences on what of a file has no effect.
 
     dropped: parameters on which no drive depends.
@@ -400,7 +401,7 @@ def _without_doubles(space: FileSpace, scenes: Scenes) -> tuple[FileSpace, tuple
     return space.with_choices(by_axis), tuple(dropped)
 
 
-def _logical(space: FileSpace, frame: Frame, cases: Sequence[FileCase]) -> LogicalScenario:
+def _logical(space: FileSpace, frame: Frame, cases: Cases) -> LogicalScenario:
     """The logical scenario of a space in which every case has the road `frame`."""
     limit = max(case.ends for case in cases)
     body, *bodies = {case.ego_body for case in cases}
@@ -501,7 +502,7 @@ def _parameter(axis: Axis, space: FileSpace) -> Parameter:
     )
 
 
-def _road(frame: Frame, cases: Sequence[FileCase], time_limit: float) -> Road:
+def _road(frame: Frame, cases: Cases, time_limit: float) -> Road:
     """The road up to where the fastest ego is after the time limit, s, or to its end in the file.
 
     Its speed at the start counts. The rest of the file's road stays behind the end of the cases.
@@ -524,7 +525,7 @@ def _moves(actor: Actor) -> bool:
     return actor.start.speed > 0.0 or not all(map(changes_nothing, actor.acts))
 
 
-def _search(cases: Sequence[FileCase], road: Road) -> Search | str:
+def _search(cases: Cases, road: Road) -> Search | str:
     """The actor that zones are searched from, or a reason why no zone can be defined.
 
     It is the nearest actor that stands in the ego's way, otherwise the first that moves.

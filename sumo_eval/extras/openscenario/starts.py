@@ -53,7 +53,8 @@ class Starts:
             elif inner.tag == "EntityAction":
                 entity, action = self.places.referred(inner), inner.only_child()
                 entity.deleted = action.tag == "DeleteEntityAction"
-                waiting += [] if entity.deleted else [(action, entity)]
+                if not entity.deleted:
+                    waiting.append((action, entity))
             else:
                 self.places.ignore(inner)
         self.check_ego()

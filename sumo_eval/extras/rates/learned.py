@@ -239,7 +239,7 @@ def _fitted(measured: Learnt, path: Path) -> Learnt:
     table, file = path.with_suffix(".events.csv"), path.with_suffix(".toml")
     # `choose_model` tries every kind
     any_model = Joint("kde", names, _tuples(rows), low, high, source=table.name)
-    models = choose_model(any_model, fold_of(sources, rows))
+    models = choose_model(any_model, folds_of(sources, rows))
     joint = models[0].joint
     assert joint is not None  # `even`, which has none, is the last
 
@@ -248,7 +248,7 @@ def _fitted(measured: Learnt, path: Path) -> Learnt:
     if joint.bandwidth is not None:
         distribution["bandwidth"] = joint.bandwidth
     file.write_text(tomli_w.dumps({**measured.content, "joint": distribution}), encoding="utf-8")
-    value_sets(names, measured.rate, rows, file)
+    write_value_sets(names, measured.rate, rows, file)
 
     logical = read_scenario(file)
     motions = [encounters.motions[event] for event in events]
@@ -275,7 +275,7 @@ def _write_events(
     write_csv(path, [*names, *sources[0]], lines)
 
 
-def value_sets(names: Sequence[str], rate: Limits, rows: FloatArray, file: Path) -> None:
+def write_value_sets(names: Sequence[str], rate: Limits, rows: FloatArray, file: Path) -> None:
     """Write events as an OpenSCENARIO ParameterValueDistribution, next to their scenario file.
 
     It holds value sets: no other distribution of the standard keeps which values occur together.
@@ -332,7 +332,7 @@ def _range(values: FloatArray, quantity: Quantity) -> Bounds:
 # --- held out -------------------------------------------------------------------------------------
 
 
-def fold_of(sources: Sequence[Mapping[str, Any]], rows: FloatArray) -> np.ndarray:
+def folds_of(sources: Sequence[Mapping[str, Any]], rows: FloatArray) -> np.ndarray:
     """The fold of each event, 0 to `FOLDS` - 1, by a hash of its ego: no ego is in two folds.
 
     If no fold leaves events that a model can be fitted to, the events are dealt out in order
@@ -377,7 +377,7 @@ def _fit(joint: Joint, folds: np.ndarray) -> Fit:
     logs, shares = [], []
     for fold in range(FOLDS):
         train, test = rows[folds != fold], rows[folds == fold]
-        # with the folds of `fold_of`, at least one leaves events that have a fit
+        # with the folds of `folds_of`, at least one leaves events that have a fit
         if len(test) and _has_fit(train):
             fitted = replace(joint, events=_tuples(train))
             logs.append(np.log(np.maximum(fitted.density(test) / fitted.mass(), 1e-300)))
