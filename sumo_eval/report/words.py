@@ -3,7 +3,7 @@
 The `z` in formats of numbers, here and in all files of this folder, writes -0.0 as 0.0.
 
 Users: `cli/space.py`, `cli/whatif.py`, `nightly/`, `report/`, `extras/figures/of_scenes.py`,
-`extras/rates/`.
+`extras/openscenario/describe.py`, `extras/rates/`.
 """
 
 import math

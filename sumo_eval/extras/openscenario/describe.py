@@ -14,6 +14,7 @@ from sumo_eval.errors import InputError
 from sumo_eval.extras.openscenario.acts import changes_nothing
 from sumo_eval.extras.openscenario.collections import uses_of
 from sumo_eval.extras.openscenario.logical import Read, concrete, concrete_points
+from sumo_eval.report.words import count
 from sumo_eval.scenario import played
 from sumo_eval.scenario.concrete import Actor, Numbers
 from sumo_eval.scenario.file import leaving
@@ -42,10 +43,9 @@ def described(read: Read) -> Iterator[str]:
         values = values or f"{item.low:g}..{item.high:g}"
         yield f"  parameter {item.name} = {values}{item.unit_suffix} {item.about}".rstrip()
     road = logical.road
-    lanes = "lane" if road.lanes == 1 else "lanes"
     yield (
-        f"  road {read.frame.name}: {road.lanes} {lanes} of {road.lane_width:g} m, evaluated to "
-        f"{road.length:g} m"
+        f"  road {read.frame.name}: {count(road.lanes, 'lane')} of {road.lane_width:g} m, "
+        f"evaluated to {road.length:g} m"
     )
     if len(read.roads) > 1:
         yield (
@@ -55,8 +55,8 @@ def described(read: Read) -> Iterator[str]:
     points = list(concrete_points(read, _MOST))
     playing, words, reasons = _counted(read, points)
     yield f"  {words}"
-    for why, count in reasons.most_common(_SHOWN):
-        yield f"  {count} do not: {why}"
+    for why, number in reasons.most_common(_SHOWN):
+        yield f"  {number} do not: {why}"
     if len(reasons) > _SHOWN:
         yield f"  and {len(reasons) - _SHOWN} more reasons"
     yield from (f"  {note}" for note in read.notes)
@@ -99,9 +99,9 @@ def listed(name: str, paths: Sequence[Path]) -> Iterator[str]:
         files += 1
         for read in reads:
             points = list(concrete_points(read, _MOST))
-            count, words, reasons = _counted(read, points)
+            own, words, reasons = _counted(read, points)
             tried += len(points)
-            playing += count
+            playing += own
             why = "; ".join(f"{number} {why}" for why, number in reasons.most_common(_SHOWN))
             yield f"{read.logical.name}: {words}{why and '; not: '}{why}"
     yield f"{name}: {files} of {len(paths)} files play, {playing} of {tried} points tried"
