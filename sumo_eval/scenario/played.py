@@ -13,7 +13,8 @@ move in a drive.
 
 Users: `cosim/world.py` makes the records, `cosim/step_rules.py` moves the actors in every step;
 readers of scenarios (`scenario/`, `extras/openscenario/`) write acts, `scenario/undisturbed.py`
-plays them without a simulation. Other files of `cosim/` read the records.
+plays them without a simulation. Other files of `cosim/` read the records,
+`extras/wheel/quality.py` the begins of acts.
 """
 
 from __future__ import annotations

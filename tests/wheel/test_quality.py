@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 from tables import rows_of
 
-from sumo_eval.extras.wheel.quality import Quality, QualitySettings, reaction
+from sumo_eval.extras.wheel.quality import Quality, QualitySettings, first_event, reaction
+from sumo_eval.scenario.catalogue import load
 from sumo_eval.settings import VehicleSettings
 from sumo_eval.trajectory import Recording, Trajectory
 
@@ -49,6 +50,22 @@ def drive(*, brakes=np.inf, steers=np.inf, bend=0.0):
 )
 def test_a_reaction_is_what_hands_and_feet_did_after_the_event(recording, after):
     assert reaction(recording, 1.0, CAR) == (None if after is None else pytest.approx(after))
+
+
+@pytest.mark.parametrize(
+    "name, time",
+    [
+        ("front_vehicle_braking", 0.0),
+        ("motorway_braking", 0.0),  # to a lower speed, not to 0
+        ("swerving_lead", 0.5),
+        ("front_vehicle_low_speed", None),
+        ("turn_across_path", None),  # it turns along its path from the start
+    ],
+)
+def test_first_event_is_the_first_change_of_motion_at_a_known_time(name, time):
+    logical = load(name)
+    case = logical.concrete(**logical.point(0.5 * (logical.low + logical.high)))
+    assert first_event(case) == time
 
 
 def test_each_bound_marks_the_drive_that_breaks_it_and_no_other():

@@ -16,6 +16,7 @@ from sumo_eval.extras.wheel.tape import ROW, Tape
 from sumo_eval.frozen import frozen
 from sumo_eval.report.page import Json
 from sumo_eval.scenario.concrete import ConcreteScenario
+from sumo_eval.scenario.played import COSINE, SPEED
 from sumo_eval.settings import SimulationSettings, VehicleSettings
 from sumo_eval.settings.checked import Checked, Natural, NotNegativeFloat, Share, setting
 from sumo_eval.trajectory import Recording
@@ -69,7 +70,7 @@ class Quality:
     latency_ms: 95th percentile of the time from input to picture; None: no input was timed.
     stalls: steps so late that the clock was reset.
     pauses, paused: how often, and for how many s in all, the drive was on hold.
-    event: time of the first event, s; None: there is none at a known time.
+    event: time of the first event, s, as by `first_event`.
     reaction: time from that event to the driver's reaction, s; None without an event or a reaction.
     unanswered: longest time that the drive continued without an answer of the window, s.
     stepped_down: number of changes to a cheaper drawing during the drive: to a plainer one, to one
@@ -164,9 +165,7 @@ def quality_of(
 ) -> Quality:
     """The quality of a drive; figures: of `timing`."""
     pauses = [it["seconds"] for it in tape.notes if it["note"] == "pause"]
-    # when the first actor changes its motion, if its script states the time
-    begins = (act.begin for it in concrete.actors for act in it.acts if act.timed)
-    event = min(begins, default=None)
+    event = first_event(concrete)
     return Quality(
         end=recording.end_reason,
         dropped=figures["dropped"] / figures["frames"] if figures["frames"] else None,
@@ -180,6 +179,19 @@ def quality_of(
         stepped_down=figures["stepped_down"],
         drawn=figures["renderer"],
     )
+
+
+def first_event(concrete: ConcreteScenario) -> float | None:
+    """Time at which the first actor moves across the road or changes its speed, s; None: no actor
+    does so at a time that its script states.
+    """
+    begins = (
+        act.begin
+        for actor in concrete.actors
+        for act in actor.acts
+        if not act.program and (act.kind <= COSINE or act.kind == SPEED)
+    )
+    return min(begins, default=None)
 
 
 def reaction(recording: Recording, event: float, vehicle: VehicleSettings) -> float | None:
