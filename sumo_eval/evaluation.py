@@ -14,14 +14,14 @@ Users: `__init__.py`, `cli/`, `nightly/`, `report/assessed.py`, `extras/figures/
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from contextlib import closing
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from sumo_eval.errors import InputError
+from sumo_eval.errors import InputError, must_be
 from sumo_eval.method.severity import severity_of
 from sumo_eval.record import run_folder
 from sumo_eval.record.fingerprint import scores_key
@@ -73,6 +73,8 @@ def evaluate(
     """
     from sumo_eval.record.facts import resolve
 
+    if isinstance(ads, str) or not isinstance(ads, Collection):
+        raise must_be("`ads`", "`evaluate`", "a list of ADSs", ads)
     folder = Path(out)
     run = resolve(
         evaluation, folder, resume, ads, workers=workers, engine=engine, scheduler=scheduler

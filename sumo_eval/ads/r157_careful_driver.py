@@ -257,7 +257,7 @@ def _find_cut_ins(me: Any, others: Any, watched: Any, p: Any, scenario: Any, tim
         ):
             continue
         if not is_in_sight(me, others, j, MOST_COVERED):
-            known.strayed_at = time  # its evaluation begins once it shows
+            known.strayed_at = time  # its evaluation begins with the last step that hides it
             continue
         ttc = time_to_collision(me, other)
         evaluated_at = known.strayed_at + p.evaluation

@@ -198,6 +198,12 @@ def test_two_of_one_name_cannot_be_told_apart(tmp_path):
         sumo_eval.evaluate(EVALUATION, tmp_path / "run", ads=["idm", AdsSettings("idm", "idm")])
 
 
+@pytest.mark.parametrize("single", ["idm", Acc])
+def test_one_ads_alone_must_be_in_a_list(single, tmp_path):
+    with refusal("`ads` of `evaluate` must be a list of ADSs, got"):
+        sumo_eval.evaluate(EVALUATION, tmp_path / "run", ads=single)
+
+
 def test_a_wrong_dict_is_refused_like_a_wrong_file(tmp_path):
     with refusal(r"Unknown key `drivers\.cout` in the evaluation\. Did you mean `count`"):
         sumo_eval.evaluate({**EVALUATION, "drivers": {"cout": 2}}, tmp_path / "run")
