@@ -300,6 +300,10 @@ def _find_events_in_path(
         if not isnan(known.strayed_at) and _began_in_ego_lane(me, known, scenario):
             leaves = j if leaves < 0 else leaves
         elif in_path:
+            # what it hides has to be evaluated again once it shows
+            for k in range(len(others)):
+                if others[k].x > others[j].x and isnan(watched[k].necessary_at):
+                    watched[k].evaluated_at = nan
             return
         j = next_ahead(me, others, j)
 

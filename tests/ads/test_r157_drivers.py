@@ -321,6 +321,15 @@ def test_a_vehicle_that_is_back_in_its_lane_is_not_an_event():
     assert ego.speed[ego.time < 25.0].min() == 20.0
 
 
+def test_a_vehicle_that_was_revealed_for_a_moment_is_evaluated_again():
+    # the lead strays for 0.2 s, less than the evaluation takes, and leaves 9 s later
+    moves = [constant_lateral(1.0, 4.0, 0.45), constant_lateral(1.2, 4.0, -0.45)]
+    lead = actor("lead", 35.0, 20.0, 0.0, *moves, constant_lateral(10.0, 1.0, 3.5))
+    ego = simulate(case(lead, actor("far", 230.0, 15.0)), "careful_driver").ego
+    first = ego.time[ego.acceleration < -0.01][0]
+    assert first == pytest.approx(10.0 + 0.375 + 0.4 + 0.75, abs=0.15)
+
+
 @pytest.mark.parametrize("lane", [0.0, 3.5])
 def test_a_lead_that_cut_in_long_before_it_brakes_is_a_braking_lead(lane):
     moves = [constant_lateral(1.0, 1.0, -lane)] if lane else []
