@@ -102,8 +102,9 @@ def record_rounds(
     if adaptive:
         run = in_rounds(run, folder if resume else None)
     # scoring needs the zones, driving does not: missing ones are computed while cases are driven
-    zones_known = zones_are_known(run.settings, run.source)
-    zones = None if zones_known else partial(find_zones, run.settings, run.source, folder)
+    zones = None
+    if not zones_are_known(run.settings, run.source):
+        zones = partial(find_zones, run.settings, run.source, folder)
     record = partial(record_facts, folder=folder, progress=progress, stopping=stopping)
     recorded = record(run, resume=resume, meanwhile=zones)
     # a run of single cases (`only`) has no further round

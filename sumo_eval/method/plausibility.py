@@ -154,7 +154,7 @@ def least_plausible(extremes: Mapping[str, float], people: Quantiles) -> tuple[s
     extremes, people: as in `plausibility`.
     """
     shares = {name: people.share(name, value) for name, value in extremes.items()}
-    name = min(shares, key=lambda extreme: shares[extreme])
+    name = min(shares, key=shares.__getitem__)
     return name, shares[name]
 
 
@@ -192,7 +192,8 @@ def quantiles_of(
         weights = np.array([1.0 / drives_of[person] for person in names]) / len(drives_of)
         table = _table(side * extreme[valid], weights)
         if table is not None:
-            shares[name], values[name] = table[0], tuple(side * value for value in table[1])
+            shares[name], signed = table
+            values[name] = tuple(side * value for value in signed)
     return Quantiles(values, shares, persons, len(drives), source)
 
 

@@ -222,26 +222,28 @@ def _of_function(
     name: its locator, as in the settings.
     """
 
+    def answer(contact: Contact, case: str) -> float:
+        """The loss that the function returns."""
+        with users_code(f"The severity `{name}` failed for {case}"):
+            loss = function(contact)
+        is_number = isinstance(loss, int | float | np.integer | np.floating)
+        if isinstance(loss, bool) or not is_number or not 0.0 <= loss <= 1.0:
+            raise InputError(
+                f"The severity `{name}` must return a finite number within 0..1, got "
+                f"{shown(loss)} for {case}."
+            )
+        return float(loss)
+
     def loss_of(hit: Collision, case: str) -> float:
         """The loss that the function returns, twice the same for one contact."""
         contact = contact_of(hit, settings)
-        losses = []
-        for _ in range(2):
-            with users_code(f"The severity `{name}` failed for {case}"):
-                loss = function(contact)
-            is_number = isinstance(loss, int | float | np.integer | np.floating)
-            if isinstance(loss, bool) or not is_number or not 0.0 <= loss <= 1.0:
-                raise InputError(
-                    f"The severity `{name}` must return a finite number within 0..1, got "
-                    f"{shown(loss)} for {case}."
-                )
-            losses.append(float(loss))
-        if losses[0] != losses[1]:
+        first, second = answer(contact, case), answer(contact, case)
+        if first != second:
             raise InputError(
                 f"The severity `{name}` must return one number for one contact, got "
-                f"{losses[0]!r} and then {losses[1]!r} for {case}."
+                f"{first!r} and then {second!r} for {case}."
             )
-        return losses[0]
+        return first
 
     return Severity(name, "loss", loss_of, sha256=_hash_of(function))
 

@@ -128,7 +128,9 @@ class ZonePartition:
 
     def _nearest(self, unit: FloatArray) -> IntArray:
         """Number of the nearest zone of points in the unit box, (..., k); there must be a zone."""
-        return np.asarray(self.zone_index[self._trees[0].query(unit)[1]])
+        zone_tree, _ = self._trees
+        _, nearest = zone_tree.query(unit)
+        return np.asarray(self.zone_index[nearest])
 
     @cached_property
     def _trees(self) -> tuple[Any, Any]:
@@ -169,7 +171,8 @@ class ZonePartition:
         sign = np.where(self.surface.value(unit) <= 0.0, -1.0, 1.0)
         if not len(self.boundary):
             return sign * np.inf
-        distance, nearest = self._trees[1].query(unit)
+        _, boundary_tree = self._trees
+        distance, nearest = boundary_tree.query(unit)
         foot = nearest_on_boundary(self.surface, unit, self.boundary[nearest])
         refined = np.linalg.norm(foot - unit, axis=-1)
         # where the search has not ended on the boundary within the space, `distance` stays
