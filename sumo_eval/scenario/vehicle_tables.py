@@ -320,7 +320,7 @@ class ManoeuvreTable(Checked):
                     raise must_be("Each of `lanes`", owner, f"within 0..{road.lanes - 1}", lane)
             middles = (road.lane_width * lane for lane in self.lanes)
             for x, y in self.points or zip(self.places, middles, strict=True):
-                yield names.quantity(x, f"path of {what}"), names.quantity(y, f"path of {what}")
+                yield names.quantity(x, f"points of {what}"), names.quantity(y, f"points of {what}")
 
 
 @frozen

@@ -20,6 +20,9 @@ from sumo_eval.gone import MODULES
 from sumo_eval.input_file import hash_of
 from sumo_eval.text import words_of
 
+FOLDERS: list[str] = []
+"""Folders of users' files that this process has made importable."""
+
 
 def load_object(locator: str, folder: Path | None, kind: str) -> Any:
     """The object that a locator names.
@@ -89,10 +92,6 @@ def _load_file(file: str, folder: Path | None, owner: str) -> ModuleType:
         del sys.modules[name]
         raise
     return module
-
-
-FOLDERS: list[str] = []
-"""Folders of users' files that this process has made importable."""
 
 
 def _make_importable(folder: Path | None) -> None:

@@ -28,7 +28,7 @@ from sumo_eval.scenario.expression import Definitions, Expression
 from sumo_eval.scenario.file import check_points
 from sumo_eval.scenario.formulas import ExposureDensity
 from sumo_eval.scenario.number_table import read_numbers
-from sumo_eval.scenario.sampling.combinations import tuples_of
+from sumo_eval.scenario.sampling.combinations import combination_numbers
 from sumo_eval.scenario.sampling.listed_points import from_csv
 from sumo_eval.scenario.sampling.request import Request
 from sumo_eval.scenario.sampling.samples import all_methods, sample
@@ -137,7 +137,7 @@ def test_strength_3_of_five_factors_of_five_holds_all_1250_triples_and_pairwise_
 
 
 def test_the_fast_count_of_tuples_is_the_plain_one():
-    codes = tuples_of(np.array([[0, 1, 2], [1, 1, 0], [0, 1, 0]]), [2, 2, 3], 2)
+    codes = combination_numbers(np.array([[0, 1, 2], [1, 1, 0], [0, 1, 0]]), [2, 2, 3], 2)
     # axes 0, 1: (0,1) (1,1) (0,1); axes 0, 2: (0,2) (1,0) (0,0); axes 1, 2: (1,2) (1,0) (1,0)
     assert [len(set(code.tolist())) for code in codes] == [2, 3, 2]
 

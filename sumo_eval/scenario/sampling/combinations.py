@@ -46,14 +46,14 @@ def combinations(logical: LogicalScenario, request: Request) -> Drawn:
     feasible = logical.feasible(grid)
     chosen = _covering_array(sizes, strength, request.seed)
     levels = np.indices(sizes).reshape(len(sizes), -1).T  # of all points of the grid
-    codes = tuples_of(levels, sizes, strength)
-    added = _complete(chosen[feasible[chosen]], np.flatnonzero(feasible), codes)
+    held = combination_numbers(levels, sizes, strength)
+    added = _complete(chosen[feasible[chosen]], np.flatnonzero(feasible), held)
     total = sum(map(math.prod, itertools.combinations(sizes, strength)))
-    possible = np.count_nonzero(np.bincount(codes[:, feasible].ravel()))
+    possible = np.count_nonzero(np.bincount(held[:, feasible].ravel()))
     if possible < total:
-        what = "pairs" if strength == 2 else f"combinations of {strength}"
+        what = "pairs of" if strength == 2 else f"combinations of {strength}"
         notes += (
-            f"{total - possible} of {total} {what} of values exist in no possible point; the other "
+            f"{total - possible} of {total} {what} values exist in no possible point; the other "
             f"{possible} are held.",
         )
     return Drawn(grid[np.union1d(chosen, added)], notes=notes)
@@ -72,37 +72,37 @@ def _covering_array(sizes: Sequence[int], strength: int, seed: int) -> Numbers:
     return np.asarray(np.ravel_multi_index(tuple(np.array(rows, np.intp).T), tuple(sizes)))
 
 
-def tuples_of(levels: Levels, sizes: Sequence[int], strength: int) -> IntArray:
+def combination_numbers(levels: Levels, sizes: Sequence[int], strength: int) -> IntArray:
     """The combinations that n points hold, (c, n): for each of c choices of `strength` axes the
     number of each point's combination on these axes. No two combinations share a number.
 
     sizes: number of values on each axis.
     """
-    codes = []
+    numbers = []
     first = 0  # number of the first combination on these axes
     for axes in itertools.combinations(range(len(sizes)), strength):
         counts = tuple(sizes[axis] for axis in axes)
-        codes.append(first + np.ravel_multi_index(tuple(levels[:, axes].T), counts))
+        numbers.append(first + np.ravel_multi_index(tuple(levels[:, axes].T), counts))
         first += math.prod(counts)
-    return np.array(codes)
+    return np.array(numbers)
 
 
-def _complete(have: Numbers, candidates: Numbers, codes: IntArray) -> Numbers:
+def _complete(have: Numbers, candidates: Numbers, held: IntArray) -> Numbers:
     """Numbers of further points to choose, so that every combination of a possible point is held.
 
     have: the possible points that are chosen already.
     candidates: all possible points, rising.
-    codes: `tuples_of` the full grid.
+    held: `combination_numbers` of the full grid.
 
     Greedy: each round takes the point that holds most missing combinations, the first of equals.
     """
-    codes = codes[:, candidates]
-    missing = np.zeros(codes.max(initial=0) + 1, bool)  # by number of the combination: not held
-    missing[codes] = True
-    missing[codes[:, np.searchsorted(candidates, have)]] = False
+    held = held[:, candidates]
+    missing = np.zeros(held.max(initial=0) + 1, bool)  # by number of the combination: not held
+    missing[held] = True
+    missing[held[:, np.searchsorted(candidates, have)]] = False
     added = []
     while missing.any():
-        best = np.argmax(missing[codes].sum(axis=0))
+        best = np.argmax(missing[held].sum(axis=0))
         added.append(candidates[best])
-        missing[codes[:, best]] = False
+        missing[held[:, best]] = False
     return np.array(added, np.intp)
