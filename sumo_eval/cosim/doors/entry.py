@@ -26,7 +26,7 @@ from urllib.parse import parse_qsl, quote, unquote_plus
 from sumo_eval.errors import InputError, check_known, must_be, said, users_code
 
 Options = Mapping[str, Any]  # keyword arguments of a constructor
-_OWN = "period=", "batch=", "options."  # beginnings of an entry's pairs
+_OWN = ("period=", "batch=", "options.")  # beginnings of an entry's pairs
 # The `?` before the entry: after it a key of the entry follows, directly or after other pairs of
 # the same query. Any other `?` belongs to a command or a value.
 _ENTRY = re.compile(rf"\?(?=([^?]*&)?({'|'.join(map(re.escape, _OWN))}))")
@@ -168,7 +168,7 @@ def steps_between(period: float, step: float, owner: str) -> int:
     period, step: s. owner: of the period, for the message.
     """
     ratio = period / step
-    # above 0.5: a period near 0 is no multiple, of 0 steps
+    # above 0.5: a period near 0 must not count as a multiple, that of 0 steps
     if period and not (0.5 < ratio < math.inf and abs(ratio - round(ratio)) <= 1e-6):
         raise must_be("`period`", owner, f"a multiple of `simulation.step` ({step:g} s)", period)
     return max(round(ratio), 1)

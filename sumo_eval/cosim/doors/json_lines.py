@@ -53,10 +53,10 @@ class JsonLinesProgram(Adapter):
     folder: Path
     log: str = ""
     options: dict[str, Any] = field(default_factory=dict)
-    _program: Any = None  # a ChildProgram
-    _stdin: int = -1
+    _program: Any = None  # a ChildProgram, from `reset` to `close`
+    _stdin: int = -1  # its handles
     _stdout: int = -1
-    _unread: bytes = b""
+    _unread: bytes = b""  # of its output, beyond the last line
     _deadline: float = START_TIMEOUT  # s of wall time allowed for an answer
     _until: float = 0.0  # when that time is over, s on the monotonic clock
     is_policy = True

@@ -52,7 +52,7 @@ class OnnxPolicy:
         self._session = _session(model)
         self.files = tuple(sorted({model, table, *_external_data(model)}))
         self._input, self._dtype, self._rows = self._checked_input()
-        self._output = self._checked_output(output)
+        self._output, self._chosen = self._checked_output(output)
         self._check_rows()
 
     def _check_rows(self) -> None:
@@ -90,18 +90,21 @@ class OnnxPolicy:
         rows = shape[0] or BLOCK
         return name, _DTYPES[kind], rows if isinstance(rows, int) else BLOCK
 
-    def _checked_output(self, output: str | None) -> str:
-        """Name of the output to use; raises InputError if there is none of numbers."""
+    def _checked_output(self, output: str | None) -> tuple[str, bool]:
+        """Name of the output to use, and whether it is the number of one of the discrete choices,
+        instead of their scores.
+
+        Raises InputError if there is no such output, or if it is not of numbers.
+        """
         owner = f"model {self._name}"
         kinds = {it.name: it.type for it in self._session.get_outputs()}
         output = next(iter(kinds), "") if output is None else output
         check_known(f"output of {owner}", kinds, output)
         kind = kinds[output]
-        # whether the output is the number of one of the discrete choices, instead of their scores
-        self._chosen = kind == "tensor(int64)" and self.interface.choices is not None
-        if kind not in _DTYPES and not self._chosen:
+        chosen = kind == "tensor(int64)" and self.interface.choices is not None
+        if kind not in _DTYPES and not chosen:
             raise must_be(f"The output `{output}`", owner, "of float or double numbers", kind)
-        return output
+        return output, chosen
 
     def reset(self, briefing: Briefing) -> None:
         """Begin a batch: compute for how many of its steps an answer holds."""
@@ -113,7 +116,8 @@ class OnnxPolicy:
         """Accelerations, m/s2, and steering wheel angles, rad, (n, 2)."""
         if round(seen.time / self._step) % self._every == 0:
             answers = self._answers(self.interface.show(seen))
-            self._held = np.zeros((int(seen.number.max()) + 1, 2))  # by case
+            # by case: commands for this step and those until the next answer
+            self._held = np.zeros((int(seen.number.max()) + 1, 2))
             self._held[seen.number] = self.interface.commands(answers)
         return self._held[seen.number]
 
