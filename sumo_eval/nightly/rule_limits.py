@@ -194,10 +194,12 @@ def _result(
     """
     quantity, zone = tally.measure.quantity, tally.measure.zone
     words, unit = WORDS.get(quantity, (quantity, ""))
-    where = list(dict.fromkeys(part.scenario for part in comparison.ads if part.ads == tally.ads))
-    # the one scenario that has all worse cases; with several, all scenarios
-    hit = [worse.part.scenario for worse in tally.worse if worse.which] if bad else where
-    where = hit if len(hit) == 1 else where
+    # scenarios of the worse cases; of a measure that passed, those of the ADS
+    where = (
+        [worse.part.scenario for worse in tally.worse if worse.which]
+        if bad
+        else [part.scenario for part in comparison.ads if part.ads == tally.ads]
+    )
     result = partial(GateResult, quantity, tally.ads, where[0] if len(where) == 1 else EVERYWHERE)
     # Words on the cases that could show a change. `reason` has them without the limit of the zone,
     # so that measures with equal reasons share a line.

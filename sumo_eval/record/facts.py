@@ -281,22 +281,21 @@ def _filled_folder(
     """Context with the store of a run folder, whose other files are written and whose shard is
     noted.
 
-    plan: of a run that may continue; None: a new one.
+    plan: of a run that may continue; None: a new run.
     another_round, driven: as in `run_folder.create`.
 
     Raises InputError if the run in the folder cannot continue as this one, before a file changes.
     """
     shard = "{}/{}".format(*run.shard)
-    if run_folder.is_run(folder):
+    if plan is not None and run_folder.is_run(folder):
         with open_store(folder, create=True, checked=True) as store:
             if (before := store.noted(run_folder.SHARD)) not in ("", shard):
                 raise InputError(
                     f"Run {folder} is shard {before}; it cannot continue as shard {shard}."
                 )
             refuse_to_lose_cases(store, spaces, run.settings, folder)
-            if plan is not None:
-                find_stale(store, run.source)  # `store.holds` is False for cases of stale ADSs
-                refuse_to_compare_with_discarded(store, spaces, plan, folder)
+            find_stale(store, run.source)  # `store.holds` is False for cases of stale ADSs
+            refuse_to_compare_with_discarded(store, spaces, plan, folder)
     examples = map(_middle, spaces)
     run_folder.create(
         folder, run.settings, run.source, examples, another_round=another_round, driven=driven
@@ -388,7 +387,7 @@ def merge(shards: Sequence[Path], out: Path) -> Recorded:
             f"To merge, every shard of {count} must be there; missing: {', '.join(missing)}."
         )
     run = Resolved.of(settings, Path(manifest["source_folder"]))
-    driven = run_folder.manifest_of_shards([*map(run_folder.read_manifest, folders.values())])
+    driven = run_folder.manifest_of_shards(folders.values())
     with (
         run_folder.only_writer(out, resume=False),
         _filled_folder(out, run, _spaces(run), driven=driven) as store,

@@ -315,9 +315,8 @@ class _Child:
         self._to_send = memoryview(b"")  # what the pipe for orders has not taken yet
         # bytes: while a child makes a frame, it holds the frame's values twice
         self._longest_frame = 0.5 * MEGABYTE * memory_limit
-        self._reader = FrameReader(
-            0, self._longest_frame
-        )  # of no item: the child must not answer yet
+        # 0: of no item, as the child must not answer yet
+        self._reader = FrameReader(0, self._longest_frame)
         self._answer: _Answer | None = None
         self._fault = ""  # what is wrong with that frame; continues "the process that ran ..."
         self._last_report: Report | None = None

@@ -10,7 +10,7 @@ import re
 import shlex
 import subprocess
 import sys
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from importlib.metadata import version
 from operator import itemgetter
@@ -277,10 +277,11 @@ def builds_of(settings: EvaluationSettings, source: Path) -> Mapping[str, str]:
     return {ads.name: ads.build or commit for ads in own if ads.build or commit}
 
 
-def manifest_of_shards(manifests: Sequence[Manifest]) -> Manifest:
+def manifest_of_shards(shards: Iterable[Path]) -> Manifest:
     """Part of a merged run's manifest on its drives: the manifest of the shard that began first,
     with the builds of all shards.
     """
+    manifests = [*map(read_manifest, shards)]
     # a manifest of an earlier version has no builds
     builds = grouped(pair for manifest in manifests for pair in manifest.get("builds", {}).items())
     return {
