@@ -103,7 +103,7 @@ def _table_of_all(levers: Sequence[CaseLevers]) -> Iterator[str]:
     groups = grouped(((lever.fact.driver, lever.fact.scenario), lever) for lever in levers)
     for (ads, scenario), cases in groups.items():
         yield f"{ads} in {scenario}: {count(len(cases), 'collision')}"
-        shares = grouped((it.lever.name, it.share) for one in cases for it in one.answers)
+        shares = grouped((it.lever.name, it.share) for case in cases for it in case.answers)
         # of each lever, its changes that each avoid a collision
         avoided = {name: [it for it in shares[name] if it < inf] for name in shares}
         for name, changes in sorted(avoided.items(), key=lambda pair: -len(pair[1])):

@@ -110,10 +110,11 @@ def judge_repeats(
     """
     newest_first = [line for line in database.gates()[::-1] if line.quantity == "repeats"]
     lines = list(dropwhile(lambda line: good is None or line.night != good.night, newest_first))
-    for ads, (cases, _, _, apart) in noise.repeats.items():
+    for ads, repeats in noise.repeats.items():
+        apart = repeats.apart
         quiet = len(list(takewhile(bool, (line.passed for line in lines if line.ads == ads))))  # k
         lost = (quiet + 1.0) ** -len(apart) < settings.noise.chance  # repeatability was lost
-        sentence = f"{len(apart)} of {count(cases, 'case')} differed in a second drive"
+        sentence = f"{len(apart)} of {count(repeats.cases, 'case')} differed in a second drive"
         if apart and not lost:
             named = ", ".join(list(apart)[:MOST_NAMED])
             sentence += f"; not failed, because few or not new: {named}"

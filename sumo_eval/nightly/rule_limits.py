@@ -17,6 +17,7 @@ from sumo_eval.scoring.gate_settings import ENDS, TIMED, GateSettings
 from sumo_eval.scoring.rule import (
     Noise,
     Tally,
+    Worse,
     can_fail,
     got_worse,
     holm,
@@ -231,8 +232,12 @@ def _result(
 def _worst(tally: Tally, unit: str) -> Iterator[CaseChange]:
     """The worst cases of all scenarios, with the values before and after."""
     first = [(worse, pair) for worse in tally.worse for pair in worse.which[:MOST_NAMED]]
-    # the least signed change is the worst
-    first.sort(key=lambda it: tally.measure.sign * (it[0].after[it[1]] - it[0].before[it[1]]))
+
+    def signed_change(place: tuple[Worse, int]) -> float:
+        worse, pair = place
+        return tally.measure.sign * float(worse.after[pair] - worse.before[pair])
+
+    first.sort(key=signed_change)  # the least is the worst
     for worse, pair in first[:MOST_NAMED]:
         case = worse.part.changed.paired.new[pair]
         yield CaseChange.of(case, float(worse.before[pair]), float(worse.after[pair]), unit)

@@ -194,8 +194,7 @@ class WhatIf:
         logical = self._run.scenarios[fact.scenario]
         locator = self._locators[fact.driver]
         revealed = self._setup.simulation.conditions.reveal_scenario
-        # the case gets the number of the trial as that of its point: below it gives the outcome's
-        # place
+        # the number of a case's point is that of its trial: its outcome is put in that place below
         cases = [
             Case(number, concrete, "ads", fact.driver, locator, seed=self._run.settings.seed)
             for number, (lever, value) in enumerate(trials)
