@@ -187,8 +187,8 @@ class Findings(NamedTuple):
         terms, row = self.terms, self._row_of(case)
         u, ideal, nothing = terms.severity[row], terms.ideal[row], terms.unreacting[row]
         weight = terms.weight[row] if self.weighted else 1.0
-        lost, at_stake = weight * excess(u, ideal), weight * excess(nothing, ideal)
-        return Harm(*map(float, (u, ideal, nothing, lost, at_stake, self.share_lost[row])))
+        lost, at_stake = (float(weight * excess(severity, ideal)) for severity in (u, nothing))
+        return Harm(u, ideal, nothing, lost, at_stake, self.share_lost[row])
 
     def _row_of(self, case: CaseResult) -> int:
         """Index of a case among `cases`."""
@@ -204,8 +204,8 @@ class Findings(NamedTuple):
         """
         row = self._row_of(case)
         of_counted = np.nan_to_num(weights[counted]).tolist()
-        share = float(self.shares(counted, weights)[row])
-        return Part(len(of_counted), math.fsum(of_counted), share, float(values[row]))
+        share = self.shares(counted, weights)[row]
+        return Part(len(of_counted), math.fsum(of_counted), share, values[row])
 
     def shares(self, counted: BoolArray, weights: FloatArray) -> FloatArray:
         """Share of each case in a weighted mean over the counted cases, (n,); 0 for other cases.

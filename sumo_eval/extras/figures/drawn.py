@@ -8,7 +8,7 @@ Users: `extras/figures/command.py`.
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, TypeGuard
+from typing import TYPE_CHECKING
 
 from sumo_eval.errors import InputError, check_known
 from sumo_eval.evaluation import score
@@ -34,18 +34,6 @@ OF_RUNS = {
 FIGURES = (*OF_RUNS, "trend", "opinion")
 
 
-def is_searched(evaluation: Evaluation | Path, figure: str) -> TypeGuard[Path]:
-    """Whether the figure is `boundary` of a folder that `sumo-eval boundary` wrote.
-
-    A scored run has a different figure of that name.
-    """
-    return (
-        figure == "boundary"
-        and isinstance(evaluation, Path)
-        and (evaluation / "boundary.json").is_file()
-    )
-
-
 def draw(
     evaluation: Evaluation | Path, figure: str, *, scenario: str | None = None,
     ads: str | None = None,
@@ -61,7 +49,12 @@ def draw(
     Raises InputError for an unknown name, and for an argument that the figure does not take.
     """
     check_known("figure", FIGURES, figure)
-    searched = is_searched(evaluation, figure)
+    # whether it is of a folder of `sumo-eval boundary`: a run has another figure of that name
+    searched = (
+        figure == "boundary"
+        and isinstance(evaluation, Path)
+        and (evaluation / "boundary.json").is_file()
+    )
     if figure in OF_RUNS and not searched:
         run = resolved_run(evaluation) if isinstance(evaluation, Path) else evaluation
         # names are checked before a run is scored, which takes longer
