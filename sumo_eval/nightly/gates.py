@@ -12,7 +12,7 @@ import numpy as np
 
 from sumo_eval.nightly.rule_limits import EVERYWHERE, WORDS, end_change, judge_rule
 from sumo_eval.report.gate_result import MOST_KEYS, MOST_NAMED, CaseChange, GateResult, in_order
-from sumo_eval.report.score_words import not_computed, reason_without
+from sumo_eval.report.score_words import not_computed
 from sumo_eval.report.words import confidence_words, count, number
 from sumo_eval.results import Evaluation, ScenarioResult
 from sumo_eval.scoring.case_terms import SCORES
@@ -203,7 +203,7 @@ def _why_missing(quantity: str, score: ScenarioResult) -> str:
     """Reason, in words, why a score was not computed."""
     # of a sum of terms, the term that is missing
     name = {"S": "D", "S+": "T" if score.task_share is None else ""}.get(quantity, quantity)
-    return not_computed(reason_without(name, score)) or "no case could be evaluated"
+    return not_computed(name, score) or "no case could be evaluated"
 
 
 def _worst(

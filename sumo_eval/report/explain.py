@@ -32,7 +32,7 @@ from sumo_eval.report.score_words import (
     reason_without,
 )
 from sumo_eval.report.words import MEASURES, STRUCK, count, end_reason, number, placed
-from sumo_eval.results import Evaluation
+from sumo_eval.results import Evaluation, ScenarioResult
 from sumo_eval.scoring.drive_beside import index_again
 from sumo_eval.scoring.findings import FACTORS, LIKENESS_FACTORS, Findings
 from sumo_eval.scoring.zones import star_distance
@@ -195,9 +195,8 @@ def _likeness(
     if case.zone != "safe":
         yield "Eqs. 11-13: the hazardous zone has no D_i"
         return
-    reason = reason_without("D", findings.score)
     if case.index is None:
-        yield f"Eqs. 11-13: no D_i: {_without_likeness(case, not_computed(reason))}"
+        yield f"Eqs. 11-13: no D_i: {_without_likeness(case, 'D', findings.score)}"
         return
     if store.is_discarded(case.case):
         product = " x ".join(number(getattr(case, field), 4) for field in FACTORS.values())
@@ -210,7 +209,7 @@ def _likeness(
     yield from _factors(index)
     if abs(index.value - case.index) > ROUNDING:
         yield f"WARNING: the score has D_i = {case.index:z.6f}, which this arithmetic does not give"
-    if reason:
+    if reason := reason_without("D", findings.score):
         yield f"Eq. 13: {missing_term('D', reason)}"
     else:
         part = findings.part(case, findings.indexed, findings.cases.exposure, findings.cases.index)
@@ -226,17 +225,17 @@ def _likeness(
         yield f"note: {notes_sentence([note])}"
 
 
-def _without_likeness(case: CaseResult, of_mean: str) -> str:
-    """Why a safe case has neither D_i nor a part in H.
+def _without_likeness(case: CaseResult, mean: str, score: ScenarioResult) -> str:
+    """Why a safe case has no part in a mean: its own reason, else why the scenario has no mean.
 
-    of_mean: why the scenario has no D or H, which counts if the case has no reason of its own.
+    mean: `D` or `H`.
     """
     if case.struck_from_behind:
         return STRUCK
     if case.unavoidable:
         return "the ideal vehicle collides here as well"
     own = index_note_words(case) or case.error
-    return own or of_mean or "fewer than two drivers to compare with"
+    return own or not_computed(mean, score) or "fewer than two drivers to compare with"
 
 
 def _factors(index: AnthropomorphicIndex) -> Iterator[str]:
@@ -337,8 +336,7 @@ def _human(case: CaseResult, findings: Findings) -> Iterator[str]:
         yield "H: the hazardous zone has no part in it"
         return
     if case.human_likeness is None:
-        of_mean = not_computed(reason_without("H", findings.score))
-        yield f"H: this case has no part in it: {_without_likeness(case, of_mean)}"
+        yield f"H: this case has no part in it: {_without_likeness(case, 'H', findings.score)}"
         return
     if case.incident:
         yield "H: 0, an avoidable incident in a safe case"

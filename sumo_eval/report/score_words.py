@@ -290,8 +290,9 @@ def reason_without(name: str, score: ScenarioResult) -> str:
     }[note.why]
 
 
-def not_computed(reason: str) -> str:
+def not_computed(name: str, score: ScenarioResult) -> str:
     """`not computed: no case lies in the safe zone`; nothing where there is no reason."""
+    reason = reason_without(name, score)
     return f"not computed: {reason}" if reason else ""
 
 

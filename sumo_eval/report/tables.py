@@ -19,7 +19,7 @@ from sumo_eval.report.notes import (
     score_note,
 )
 from sumo_eval.report.page import Json, write_csv, write_json
-from sumo_eval.report.score_words import not_computed, reason_without
+from sumo_eval.report.score_words import not_computed
 from sumo_eval.results import Evaluation
 from sumo_eval.scoring.findings import people_behind
 from sumo_eval.scoring.preventability import preventability, reference_ads
@@ -113,8 +113,8 @@ def scores_json(evaluation: Evaluation) -> Json:
         "scores": [
             asdict(score)
             | {
-                "d_reason": not_computed(reason_without("D", score)),
-                "h_reason": not_computed(reason_without("H", score)),
+                "d_reason": not_computed("D", score),
+                "h_reason": not_computed("H", score),
                 "notes": [score_note(note) for note in score.notes],
             }
             for score in evaluation.scores
