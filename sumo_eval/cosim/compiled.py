@@ -76,7 +76,7 @@ def _numbers(thing: Any, layout: Layout) -> tuple[Any, ...]:
 
 def unseen(count: int, others: int, layout: Layout) -> Records:
     """Records of actors that no rule has seen yet, (count, others): nan in every field of
-    `records.fields`, 0 in every one of `records.flags`.
+    `kernels.fields`, 0 in every one of `kernels.flags`.
     """
 
     def row(layout: Layout) -> tuple[Any, ...]:

@@ -96,6 +96,7 @@ def _last_steps(contacts: Mapping[int, _Contact], settings: SimulationSettings) 
     # the last trial of each contact; the next trials are near it, then twice as far away, and so on
     last_trial = {i: _estimate(contacts[i], settings) for i in low}
     reach = 1
+    # without the contacts whose last step is found: the next one does not avoid them
     while last_trial := {i: step for i, step in last_trial.items() if high[i] - low[i] > 1}:
         count = max(_LEAST_REPLAYS // len(last_trial), 1)  # trials of each contact in this round
         width = reach * (count + 1)  # steps
@@ -106,7 +107,8 @@ def _last_steps(contacts: Mapping[int, _Contact], settings: SimulationSettings) 
         ]
         for (i, step), hit in zip(trials, _braked(contacts, trials, plain), strict=True):
             if step < high[i]:  # false: an earlier step of this round does not avoid it
-                (low if _avoids(hit, contacts[i].hit) else high)[i] = last_trial[i] = step
+                bound = low if _avoids(hit, contacts[i].hit) else high
+                bound[i] = last_trial[i] = step
         reach *= 2
     return dict.fromkeys(contacts, UNKNOWN) | low
 
