@@ -2,7 +2,8 @@
 faster than any vehicle.
 
 Users: `ads/foresight.py`, `cosim/ego_control.py`, `cosim/ego_motion.py`, `cosim/lane_places.py`,
-`cosim/loop.py`, `cosim/stage.py`, `cosim/step_rules.py`, `cosim/traffic.py`, `cosim/world.py`.
+`cosim/loop.py`, `cosim/on_traci.py`, `cosim/stage.py`, `cosim/step_rules.py`,
+`cosim/traffic.py`, `cosim/world.py`.
 """
 
 from typing import Any

@@ -27,6 +27,7 @@ from sumo_eval.cosim.ego_control import (
     settled_of,
 )
 from sumo_eval.cosim.ego_motion import HEADING, PLACED, STALE, EgoMotion
+from sumo_eval.cosim.impossible import LeftTheRoadError
 from sumo_eval.cosim.plans import Executor, checked_answer
 from sumo_eval.cosim.policies import make_briefing, with_time
 from sumo_eval.cosim.records import COMMAND, MODEL, SUMO, first_number
@@ -312,6 +313,9 @@ class _Hook:
         if self._terms.plant is not None:
             world.note(self._case, "vehicle_model_not_used", 1.0, 0.0)
         if self.motion.flags[PLACED] != SUMO:
+            # SUMO would lose an ego that is on none of its lanes; a call may put it on one
+            if self._calls.getLaneIndex(self.ego) < 0 and not GUARD.placed:
+                raise LeftTheRoadError
             self._calls.setSpeedMode(self.ego, EGO_SPEED_MODE)
             GUARD.change_as_usual(self.ego)
             self.motion.flags[PLACED] = SUMO

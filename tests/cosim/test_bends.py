@@ -289,6 +289,17 @@ def test_a_hook_that_stays_in_a_lane_that_ends_leaves_the_road(name):
     assert 658.8 < found.ego.x[-1] + 2.25 <= 660.0
 
 
+def on_the_taper(traci, ego, time):
+    """Keep its lane by commands, and let SUMO drive from 10 m behind the lane's end on."""
+    return Command(0.0) if traci.vehicle.getPosition(ego)[0] < 670.0 else None
+
+
+def test_a_hook_that_lets_sumo_drive_where_it_has_no_lane_leaves_the_road():
+    found = simulate(scene("ramp_merge"), on_the_taper)
+    assert (found.end_reason, found.error) == ("off_road", None)
+    assert 670.0 <= found.ego.x[-1] + 2.25 < 671.2
+
+
 def test_law_arrays_of_policies_have_the_edges_of_others():
     wanted = Interface((Feature("left_edge"), Feature("right_edge")), (Action("acceleration"),))
     arrays, edges = Watches(lambda seen: wanted.show(seen)[0]), []
