@@ -124,7 +124,7 @@ def task_words(scene: CaseDrives, logical: LogicalScenario, margin: float) -> _R
     names = " and ".join(words for number, words in references if number)
     way, time = f"{delay.way:z.0f} m", f"{delay.time:z.1f} s"
     short = f"{way} of {delay.asked:z.0f} m, from {time} on; {names} drove on."
-    words = {
+    words = {  # of each kind of delay
         "missed": f"Missed the lane change that was due after {way}.",
         "stood": f"Stood after {short}",
         "short": f"Came no further than {short}",

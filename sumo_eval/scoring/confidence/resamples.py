@@ -268,17 +268,17 @@ def resamples(
         most = max(most // SPLIT, 1)
     draws = partial(_draws, groups, most, replicates, seed, name)
     balance = None if groups.even is None else Balance.of(groups, groups.even)
-    along: Any = 0.0
+    along: Any = 0.0  # becomes the sum over all points
     number = 0  # points drawn so far
-    of = groups.points * (1 if balance is None else 2)
+    to_draw = groups.points * (1 if balance is None else 2)
     if balance is not None:
         for places, counts in draws():
             along += balance.along(counts, places)
             number += len(places)
-            done(number, of)
+            done(number, to_draw)
     for places, counts in draws():
         number += len(places)
-        done(number, of)
+        done(number, to_draw)
         balanced = counts if balance is None else balance.balanced(counts, places, along)
         yield Resampled(places, balanced, counts)
 
