@@ -1,5 +1,8 @@
-"""Common parts of the baselines of UN Regulation No. 157 and of `lane_changer`: brakes that build
-up, distances and headways, what an actor shows (sighting), where it will be (foresight).
+"""Common parts of the baselines of UN Regulation No. 157, of `rss` and of `lane_changer`: brakes
+that build up, distances and headways, what an actor shows (sighting), where it will be (foresight).
+
+Each rule has its own time from a danger to the demand to brake. From there to full braking it takes
+`response` + `braking` / `jerk` (`Brakes`).
 
 Users: `ads/fuzzy_safety_model.py`, `ads/lane_changer.py`, `ads/r157_careful_driver.py`,
 `ads/reg157.py`, `ads/rss.py`.
@@ -22,7 +25,7 @@ HUMAN_BRAKING = 0.774 * GRAVITY  # m/s2, the strongest of the regulation's human
 # s, headway up to which the regulation's human reacts to what the lead does
 FOLLOWING_HEADWAY = 2.0
 HEADWAY_ROUNDING = 0.01  # s, see `within_headway`
-# share of its width up to which a vehicle may be covered and is seen: of 1.9 m 0.38 m must show
+# largest covered share of a vehicle's width at which it is still seen: of 1.9 m, 0.38 m must show
 MOST_COVERED = 0.8
 
 
@@ -88,7 +91,8 @@ SIGHTING = [*fields("last_speed", "last_y", "across", "gain"), ("mover", MOVER)]
 last_speed, last_y: at the last look, m/s along the road, and m.
 across: mean speed across the road over the last step, m/s, which is the speed in its middle.
 gain: change of `across` since the step before, m/s2; 0 if the motion began or turned round.
-mover: the actor as seen last, with the braking and the speed across that its positions show.
+mover: the actor at the last look, x nan if it was gone; with the braking that its last two speeds
+    show, and from the second look on the speed across that its last two positions show.
 """
 SIGHTED = [("sighting", SIGHTING)]
 """Memory of an actor, for rules that need no more."""
@@ -111,8 +115,8 @@ BRAKES = ("brakes", fields("response", "braking", "jerk"))
 
 
 class Brakes(NamedTuple):
-    """Brakes of a rule: they act `response` s after a demand, with up to `braking` m/s2, rising at
-    `jerk` m/s3.
+    """Brakes of a rule: they act `response` s after a first demand, with up to `braking` m/s2,
+    rising at `jerk` m/s3.
     """
 
     response: float
@@ -158,8 +162,8 @@ def foresee(then: Any, sighting: Any, time: float, step: float) -> None:
     take(then, sighting.mover)
     carry_on(then, time)
     if sighting.gain != 0.0 and not isnan(sighting.gain):
-        # `across` is the speed in the middle of the last step; until then it changed by `gain` a
-        # second, from then on it is constant
+        # For times before the middle of the last step, in which the actor had the speed `across`:
+        # before that it changed by `gain` a second. Its y is that at constant speed.
         middle = -0.5 * step
         then.across += sighting.gain * (min(time, middle) - middle)
 
@@ -181,8 +185,8 @@ def braking_loop(braking_for: Callable[..., float], clocks: int = 2) -> Callable
     braking_for: gives the deceleration that an actor demands, m/s2; 0: none. Its arguments: the
         ego; the actor, which is in sight ahead; the rule's parameters (with `BRAKES`); and the
         `SCENARIO` record whose `step` is the time between two decisions.
-    clocks: 1: the rule decides at every step; 2: once a cycle. It is the number of `SCENARIO`
-        records of which the last has this time.
+    clocks: 1: the rule decides at every step; 2: once a cycle. So many of the two `SCENARIO`
+        records are used, and the `step` of the last is the time between two decisions.
     """
 
     @kernel
@@ -206,7 +210,8 @@ def braking_loop(braking_for: Callable[..., float], clocks: int = 2) -> Callable
         if decides(own, scenario[:clocks]):
             cycle = scenario[clocks - 1]
             take(own.me, ego.seen)
-            own.me.braking = own.braking.path.level  # the ego's braking as intended now
+            # what the ego's own brakes (`SAFETY_BRAKING`) intend now
+            own.me.braking = own.braking.path.level
             for j in range(len(others)):
                 sight(watched[j].sighting, others[j], cycle.step)
             scene = (own, watched, others_then, cycle)

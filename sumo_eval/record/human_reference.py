@@ -43,15 +43,16 @@ _WORTH_PROCESSES = 160  # human drives; results of fewer are computed before pro
 
 
 Name = tuple[Kind, str | tuple[str, ...]]
-"""Name of a result: its kind and owner. D_i (`index`) and D_i without drivers (`left_out`) belong
-to a case, a `band` to the drivers' cases at a point."""
+"""Name of a result: its kind and owner. D_i (`index`) and D_i with drivers left out or exchanged
+(`left_out`) belong to a case, a `band` to the drivers' cases at a point."""
 
 
 @frozen
 class PointJob:
     """Requested results at one point.
 
-    drivers: the human drivers' cases at the point.
+    drivers: the human drivers' cases at the point that may be compared with: those that ended "ok"
+        (`scoring/likeness.py` chooses them).
     ads: the cases that get a D_i.
     left_out: ADSs' cases that get a D_i without each driver in turn, and for each of `exchanges`.
     band: whether each driver gets a D_i against all other drivers.
@@ -89,7 +90,7 @@ class Varied:
 
     @classmethod
     def of(cls, values: Sequence[float], drivers: int) -> Self:
-        """From the values for the sets of `_left_out`."""
+        """From the values for the sets of `_left_out`: all drivers, all but one, exchanges."""
         first = 1 + drivers  # place of the first exchange
         # `or`: without exchanges, the mean of everyone alone
         return cls(values[0], tuple(values[1:first]), fmean(values[first:] or values[:1]))
@@ -132,7 +133,11 @@ def point_processes(store: Store, workers: int) -> AbstractContextManager[Spread
     """Context with a function that spreads the points of a run over processes, for
     `compute_points`, or computes them here if they are few.
     """
-    drives = sum(number for _, role, _, _, number, _ in store.counts() if role == "human")
+    drives = sum(
+        number
+        for _scenario, role, _driver, _status, number, _exposure in store.counts()
+        if role == "human"
+    )
     return spread_over(workers if drives >= _WORTH_PROCESSES else 1)
 
 
@@ -280,6 +285,7 @@ def _left_out(
     if len(drivers) <= 2:
         return [drivers]
     fewer = _all_but_one(drivers)
+    # sorted: sums in this order have the same last bits whichever driver counts twice
     exchanged = (tuple(sorted((*fewer[out], drivers[twice]))) for out, twice in exchanges)
     return [drivers, *fewer, *exchanged]
 

@@ -1,8 +1,9 @@
 """JUnit XML for continuous integration, of a run, a comparison or a night.
 
-A failure: the ADS collided, left the road or missed a requirement. An error: the case could not be
-evaluated (the ADS gave up, or the harness failed), or a score lacks it. Written by lxml in the
-shape that Jenkins, GitLab and the usual GitHub actions read.
+A failure: the ADS left the road, had an avoidable collision (`report.junit_failures = "any"`: any
+collision) or missed a requirement; in a comparison also a case that got worse, and a gate that does
+not hold. An error: the case could not be evaluated (the ADS gave up, or the harness failed), or a
+score lacks it. Written by lxml in the shape that Jenkins, GitLab and the usual GitHub actions read.
 
 Users: `cli/compare.py`, `cli/finish.py`, `nightly/night.py`, `evaluation.py`.
 """
@@ -137,8 +138,8 @@ def _change_tests(part: AdsComparison) -> Iterator[Test]:
 def write_junit(suites: Suites, path: Path) -> Path:
     """Write the suites to a file and return its path.
 
-    Only one test is in memory at a time. In the file the number of tests stands before them, so
-    each suite first goes to a temporary file. (To count, the tests would have to be made twice.)
+    Tests are written as they are made. In the file their number stands before them, so each suite
+    first goes to a temporary file: counting them first would mean to make them twice.
     """
     with writing(f"The JUnit file {path}"), ExitStack() as bodies, path.open("wb") as out:
         written = {
@@ -294,6 +295,7 @@ def _by_cell(
     It is a failure if any of its cases is a failure, else an error if any is an error.
     """
     names = logical.names
+    # (cases, parameters), and (edges, parameters)
     cell_of_case, edges_of = cells_of(logical, cases.parameters(names), cells)
     # tests that passed are not kept, only their times: there may be a million
     seconds: defaultdict[tuple[int, ...], array[float]] = defaultdict(lambda: array("d"))

@@ -61,8 +61,8 @@ def write_replay(
 
 
 def _ghosts(fact: Fact, concrete: ConcreteScenario, store: Store) -> list[Trajectory]:
-    """Drives at the same point that are drawn as outlines: of the human drivers, and of the ego
-    that was recorded on the road.
+    """Drives at the same point that are drawn as outlines: of the human drivers whose drives ended
+    "ok" and were kept, and of the ego that was recorded on the road.
     """
     drivers = store.driven_at(fact.scenario, fact.point, "human")
     ghosts = [store.trajectory(driver.case) for driver in drivers]

@@ -1,8 +1,8 @@
-"""The check that all vehicles start on the road, on a lane, and clear of each other, and that their
-paths stay on the map.
+"""The check that all vehicles start on the road, on a lane or as far beside it as they may be, and
+clear of each other, and that their paths stay on the map.
 
 Users: readers of scenario files (`scenario/`, `extras/openscenario/`) call `misplaced` at every
-point of a sample; `method/conflict.py` takes `STANDARD_EGO`.
+point of a sample; they and `method/conflict.py` take `STANDARD_EGO`.
 """
 
 import itertools
@@ -16,8 +16,8 @@ from sumo_eval.scenario.concrete import Actor, EgoBody, Road, Start
 STANDARD_EGO = EgoBody(4.5, 1.8)
 """The ego's body where a scenario has none of its own."""
 _TOUCH = 1e-6  # m: bodies that overlap by less only touch, which is allowed
-# m: largest distance from the lanes of an actor that may be beside them (`_reach`), unless a
-# crossing road reaches further
+# m: how far from the lanes those actors may be that may be beside them (`_reach`); if a crossing
+# road reaches further, as far as that road
 _BESIDE = 300.0
 
 
@@ -58,7 +58,8 @@ def _off_the_road(
         ("ego", ego, ego_body.length, 0.0),
         *((it.name, it.start, it.length, _reach(it, furthest)) for it in actors),
     ):
-        # The ego's rear may be before the road. SUMO moves a front beyond its end back to the end.
+        # The ego's rear may be before the road's beginning. No front may be beyond the road's end: SUMO
+        # would move it back.
         first = 0.0 if name == "ego" else length / 2
         last = road.end - length / 2
         if not first <= start.x <= last:
@@ -78,6 +79,7 @@ def _in_junctions(
     fronts = [("ego", ego.x + ego_body.length / 2)]
     fronts += [(it.name, it.start.x + it.length / 2) for it in actors if it.on_map is None]
     sections = () if road.network is None else road.network.sections
+    # a junction begins where an edge ends, and ends where the next edge begins
     for (_, begin, _), (end, _, _) in itertools.pairwise(sections):
         for name, front in fronts:
             if begin < front < end:
@@ -119,7 +121,8 @@ def _reach(actor: Actor, furthest: float) -> float:
     """Largest allowed distance of an actor from the lanes, m.
 
     It is `furthest` for a vulnerable road user and a `lively` vehicle, else 0. It is 0 also for an
-    actor that SUMO drives, or will drive, if neither its heading nor an act brings it to a lane.
+    actor that SUMO drives, or will drive, and that nothing moves across the road until then: SUMO
+    drives on lanes only.
     """
     keeps_lane = all(act.kind in (played.SPEED, played.KEEP, played.FOLLOW) for act in actor.acts)
     if actor.model is not None and actor.heading == 0.0 and keeps_lane:

@@ -57,20 +57,22 @@ class CaseTerms:
 
     method: `[method]`, by which the terms were made and scores are made of them.
     exposure: p_i.
-    weight: r_i.
+    weight: r_i times the number of points that the point stands for.
     severity: U_i of the worst incident, 0 without an incident, nan if the simulation failed, or
-        if the ADS gave up and U0 is not known. With `loss = "class"` its class L, 0.1 without one.
+        if the ADS gave up and U0 is not known. With `loss = "class"` the class L of the incident,
+        0.1 without an incident.
     ideal: Ug_i in the same concrete scenario, or its class.
     unreacting: U0_i in the same concrete scenario, or its class.
     ratio: Ug_i/U_i of a collision, or the ratio of their classes.
-    collided: whether the case is a collision.
+    collided: whether the case is a collision that counts in C: not one in which the ego was struck
+        from behind.
     evaluated: whether the case ended in a way that can be evaluated.
-    index: D_i of a safe case.
-    likeness: human-likeness of a safe case.
+    index: D_i of a safe case without a collision.
+    likeness: human-likeness of a safe case; after an incident that the ideal vehicle avoids 0.
     voids: whether the case is a collision after which there is no D.
     incident: whether the case has an incident.
     counted: whether the case was evaluated, or the ADS gave up.
-    task: t_i of a safe case.
+    task: t_i of a safe case; 0 after an incident.
     """
 
     method: MethodSettings
@@ -149,9 +151,10 @@ def scores_of(
 
     terms: of all cases.
     counts: how often each case occurs in each sample, (m, n), see `score_terms`.
-    hits: other draws, for C and for whether a sample has a D: `intervals.py` draws collisions in
-        another way. None: `counts` serves for C, and D exists in every sample if no case voids it.
-    rows: the n cases to read; the scores are summed in the same order for any of them.
+    hits: as `counts`, but of collisions, which `intervals.py` draws in another way: for C, and for
+        whether a collision in a sample voids its D. None: `counts` for C, and if any case voids D,
+        no sample has a D.
+    rows: the n cases to read.
     """
     method = terms.method
     # of all cases, not of `rows` alone: whether any has an exposure, and whether any voids D
@@ -211,19 +214,19 @@ def missing_bounds(
     people: whether there are drivers to compare with.
 
     What may be missing, and what replaces it:
-    - A case that could not be evaluated, in T, A, A', regret, H and S+. At worst the ADS does
+    - A case whose simulation failed, in T, A, A', regret, H and S+. At worst the ADS does
       nothing (or hits as hard as the ideal vehicle, if that hits harder), at best it drives as the
       ideal vehicle.
     - The ideal vehicle's drive. At worst it avoids the contact, or the point has no part in A,
       whichever gives the lower A. At best it hits as hard as the ADS.
     - The drive of `no_reaction`. At worst it hits as hard as the ADS, at best as hard as the
       hardest drive of `no_reaction`.
-    - The human-likeness of a safe case. At worst 0, at best 1. After a collision of which it is not
+    - The human-likeness of a safe case. At worst 0, at best 1. After an incident of which it is not
       known whether the ideal vehicle avoids it: at worst 0, at best no part in H.
     - A case in C. At worst a collision of ratio 0, which never raises Eq. 17's mean, at best one of
       ratio 1, which never lowers it. But where the ideal vehicle avoids the contact, Ug is 0 m/s,
-      and any contact has a U above 0: no ratio is 1, so at best the ADS avoids it too. (A loss in
-      0..1 may be 0, so that the ratio is 1 even there.)
+      and any contact has a U above 0: no ratio is 1, so at best the ADS avoids it too. (A severity
+      of the user's without a unit may be 0 after a contact, so that the ratio is 1 even there.)
     - D_i of a safe case without a collision. At worst 0, at best 1.
     - S follows from C and D. A missing safe case may have been a collision, after which there is no
       D.
@@ -320,12 +323,13 @@ def _worst_and_best(
         ideal=ideal,
         unreacting=_filled(terms.unreacting, severity),
         ratio=np.where(missing.no_ratio, ratio, terms.ratio),
-        evaluated=terms.evaluated | missing.may_have_hit,  # with its ratio, C takes it for a hit
+        # C counts each evaluated case with a ratio as a hit
+        evaluated=terms.evaluated | missing.may_have_hit,
         weight=np.where(missing.no_ratio, _filled(terms.weight, 1.0), terms.weight),
     )
     # best: the ADS drives as the ideal vehicle
     severity = np.where(missing.no_outcome, ideal, terms.severity)
-    # whether a collision may have the ratio 1; a loss, which has no unit, may be 0
+    # whether a collision may have the ratio 1: only a severity without a unit may be 0 after one
     may_equal = (terms.ideal != 0.0) | (not terms.method.collision.unit)
     return worst, replace(
         _with_shares(terms, missing, missing.no_likeness & ~terms.incident, 1.0),

@@ -94,7 +94,7 @@ def compare_opinion(evaluation: Evaluation, ratings: DataFrame) -> Opinion:
         values = group["score"]
         deviation = values.std() if values.size > 1 else 0.0
         scores = {name: getattr(score, field) for name, field in HIGHER_IS_BETTER.items()}
-        # Only digits that the order of the ratings does not change: equal means must tie in rank.
+        # Rounded, so that equal ratings in another order have an equal mean, and tie in rank.
         mean = round(values.mean(), 9)
         rows.append(RatedScore(score.ads, score.scenario, mean, deviation, values.size, scores))
 
