@@ -1,5 +1,5 @@
-"""The check that all vehicles start on the road, on a lane or as far beside it as they may be, and
-clear of each other, and that their paths stay on the map.
+"""The check that all vehicles start on the road, on a lane or (pedestrians and the like) near the
+lanes, and clear of each other, and that their paths stay on the map.
 
 Users: readers of scenario files (`scenario/`, `extras/openscenario/`) call `misplaced` at every
 point of a sample; they and `method/conflict.py` take `STANDARD_EGO`.
@@ -58,8 +58,8 @@ def _off_the_road(
         ("ego", ego, ego_body.length, 0.0),
         *((it.name, it.start, it.length, _reach(it, furthest)) for it in actors),
     ):
-        # The ego's rear may be before the road's beginning. No front may be beyond the road's end: SUMO
-        # would move it back.
+        # The ego's rear may be before the road's beginning. No front may be beyond the road's end:
+        # SUMO would move it back.
         first = 0.0 if name == "ego" else length / 2
         last = road.end - length / 2
         if not first <= start.x <= last:
