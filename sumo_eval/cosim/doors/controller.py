@@ -583,7 +583,7 @@ FOREIGN = {
     "plan": ("CommonRoad's planners have it", "commonroad"),
 }
 """By method with which ADSs of other tools are called: words on whose it is, and the tool, a key of
-`_ADAPTERS`; "": there is no adapter."""
+`_ADAPTERS`; "": without an adapter."""
 _SMARTS = ("SMARTS's agents have it", "smarts")
 
 

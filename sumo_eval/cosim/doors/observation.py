@@ -421,7 +421,7 @@ class Observations:
     ego, lead: arrays (n,).
     vehicles: arrays (n, m), in the order of the scenario's vehicles.
     _egos, _others: records of the egos and of the actors.
-    _seen: records of the actors as rules see them; x is nan where there is no vehicle.
+    _seen: records of the actors as rules see them; x is nan in a record without a vehicle.
     _cases: of the whole batch; `number` is an index of it.
     """
 

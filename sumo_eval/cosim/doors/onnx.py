@@ -94,7 +94,7 @@ class OnnxPolicy:
         """Name of the output to use, and whether it is the number of one of the discrete choices,
         instead of their scores.
 
-        Raises InputError if there is no such output, or if it is not of numbers.
+        Raises InputError if the model lacks the output, or if it is not of numbers.
         """
         owner = f"model {self._name}"
         kinds = {it.name: it.type for it in self._session.get_outputs()}
