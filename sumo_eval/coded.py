@@ -2,7 +2,8 @@
 anything.
 
 Users: `case_table.py`, `cosim/openscenario.py`, `record/claims.py`, `record/human_reference.py`,
-`record/points.py`, `scoring/drive_results.py`, `scoring/kept_scores.py`.
+`record/points.py`, `scoring/drive_results.py`, `scoring/kept_scores.py`. Fixed: the form, as files
+that `sumo-eval export` wrote hold it; caches do not outlive a change of this file.
 """
 
 import json
@@ -13,22 +14,24 @@ from typing import Any
 
 import numpy as np
 
-Classes = Mapping[str, type]
+Classes = Mapping[str, Any]
+"""Class of a record, or a function that makes one of its fields' values, by name of the class."""
 # Keys in JSON. A record: {"is": name of its class, "of": values of its fields}.
 _CLASS, _VALUES = "is", "of"
 _MAP, _ARRAY = "map", "array"  # {"map": pairs of key and value}, {"array": dtype, shape, bytes}
 
 
 def encoded(value: object) -> bytes:
-    """A value made of records, tuples, mappings, arrays, texts, numbers and None.
+    """The bytes of a value, for `decoded`.
 
-    Lists come back as tuples.
+    value: made of records, tuples, mappings, arrays, texts, numbers and None. Lists and named tuples
+        come back as tuples, numpy's numbers as Python's.
     """
     return json.dumps(plain(value), separators=(",", ":")).encode()
 
 
 def decoded(data: bytes, classes: Classes) -> Any:
-    """The object that `encoded` wrote.
+    """The value that `encoded` received.
 
     classes: those of its records, by name.
     """
@@ -52,7 +55,7 @@ def plain(value: Any) -> Any:
 
 
 def record_of(value: Any, classes: Classes) -> Any:
-    """The object that `plain` received.
+    """The value that `plain` received.
 
     classes: those of its records, by name.
     """

@@ -1,7 +1,7 @@
 """Pages: their templates, the files that go into them as they are, and how one is written.
 
-In a page, `packed` text is deflated, then in base64; `packed_bytes` only puts bytes in base64.
-`inflated` in templates/field.js unpacks what is deflated.
+In a page, `packed` text is deflated, then in base64; `packed_bytes` only puts bytes in base64. The
+page unpacks both in templates/field.js.
 
 Users: `nightly/`, `report/`, `extras/`.
 """
@@ -44,7 +44,8 @@ def write_page(path: Path, page: str, what: str) -> Path:
 
     what: begins the error message if it cannot be written, e.g. `The report`.
     """
-    page = page.encode(errors="backslashreplace").decode()  # a path in it need not be UTF-8
+    # a path in it may have bytes that are not UTF-8, as surrogates, which cannot be written
+    page = page.encode(errors="backslashreplace").decode()
     with writing(f"{what} {path}", path.parent):
         write_whole(path, page)
     return path
@@ -72,7 +73,7 @@ def write_filled(path: Path, name: str, what: str, /, **values: Any) -> Path:
 
 @functools.cache  # a template is compiled once a process
 def _environment() -> jinja2.Environment:
-    import jinja2  # here, because an unchanged page is not written and needs no jinja2
+    import jinja2  # here, because commands that write no page need no jinja2
 
     environment = jinja2.Environment(
         loader=jinja2.PackageLoader(_TEMPLATES),
@@ -102,7 +103,7 @@ def case_key(case: str) -> str:
 
 def code_marked(sentence: str) -> Markup:
     """A sentence, escaped, with what stands between backticks as code."""
-    escaped = str(escape(sentence))  # plain, or `re.sub` would escape the tags as well
+    escaped = str(escape(sentence))  # a plain str: in a Markup, `sub` would escape the tags too
     return Markup(re.sub("`([^`]+)`", r"<code>\1</code>", escaped))  # noqa: S704
 
 

@@ -1,7 +1,7 @@
 """The report's first screen: the first words of a run, the case to look at first, and the ADSs in
 their order.
 
-Users: `nightly/night.py`, `report/sections.py`.
+Users: `nightly/night.py` (the levers of `first_case`), `report/sections.py`.
 """
 
 from collections.abc import Iterator, Sequence
@@ -20,7 +20,7 @@ from sumo_eval.scoring.behaviour import Behaviour, least_human, ranked, worst_ca
 from sumo_eval.scoring.comparison import builds_besides
 from sumo_eval.scoring.findings import unevaluated
 
-MOST_CHANGES = 4  # failed limits whose worst case is named
+MOST_CHANGES = 4  # failed gates whose worst case is named
 WIDE = 20.0  # points of S+: an interval wider than this tells little
 
 
@@ -43,12 +43,14 @@ def summary_content(evaluation: Evaluation, additions: Additions) -> Json:
     ][:MOST_CHANGES]
     notes = []
     if comparison:
+        # builds other than the ADS's own
         notes = builds_besides(evaluation.manifest.get("builds", {}), comparison)
         notes += [difference.words for difference in comparison.differences]
     return {
         "verdict": verdict(comparison, additions.gates, evaluation).sentence
         if comparison or additions.gates
         else "",
+        # each with the night since which it fails
         "failures": [(additions.since.get(gate.name, ""), gate) for gate in failures],
         "beside": notes,
         "answers": first_words.answers,
@@ -61,7 +63,7 @@ def summary_content(evaluation: Evaluation, additions: Additions) -> Json:
 
 
 def first_case(evaluation: Evaluation, additions: Additions) -> str:
-    """Key of the case to look at first: the worst of the first failed limit that names any, else
+    """Key of the case to look at first: the worst of the first failed gate that names any, else
     of the run.
     """
     failing = (change.case for gate in failed(additions.gates) for change in gate.worst[:1])
@@ -72,7 +74,7 @@ def first_case(evaluation: Evaluation, additions: Additions) -> str:
 def _looks(
     evaluation: Evaluation, worst: CaseResult | None, best: str
 ) -> Iterator[tuple[str, str]]:
-    """Links to look at next: (words, key of a case or an anchor)."""
+    """Links to look at next: their words, and addresses on the page."""
     if worst is not None and (words := cause_words(worst)):
         collision = f"the collision that lowers A of {worst.ads} most: {words}"
         yield collision, f"#case:{case_key(worst.case)}"

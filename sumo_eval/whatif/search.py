@@ -2,9 +2,10 @@
 
 Users: `cli/whatif.py`, `nightly/night.py`, `report/levers_section.py`, `report/verdict.py`.
 
-The first round drives 33 values along each lever, or all if it has fewer. The second drives every
-step between the two values where the outcome changes, for the nearest change on each side of the
-recorded value. Then both ends of these changes are rerun: an ADS must repeat its outcome.
+The first round drives 33 values along each lever, or all if it has fewer. The second (`fine`) drives
+every step between the two values where the outcome changes, for the nearest change on each side of
+the recorded value. Then both ends of these changes are rerun: an ADS must repeat its outcome. A
+change and its return between two values of the first round are not found.
 """
 
 from collections.abc import Sequence
@@ -29,7 +30,7 @@ _WITHOUT_EFFECT = {
     "conditions.sensor_range": "perception_not_limited",
     "conditions.actuation_delay": "actuation_not_delayed",
 }
-"""By lever that does not act on some ADSs: the clip that records this in a drive."""
+"""Lever that does not act on some ADSs -> name of the clip that says so in a drive's recording."""
 
 Line = dict[float, bool]
 """Whether the ADS collides, by value of a lever."""
@@ -141,8 +142,9 @@ class WhatIf:
         check_known("ADS of the run", self._locators, fact.driver)
         for entry, logical in self._run.entries:
             if logical.name == fact.scenario:
-                recorded = self._exposures.get(logical.name, {})
-                refuse_edited(logical.name, recorded, entry.use, self._run.source)
+                # the run keeps the hashes of the scenario's files beside its exposure
+                hashes = self._exposures.get(logical.name, {})
+                refuse_edited(logical.name, hashes, entry.use, self._run.source)
         logical = self._run.scenarios[fact.scenario]
         levers = levers_of(logical, fact.values, self._run.settings.simulation)
         named = [it for it in levers if name in (None, it.name, it.name.split(".")[-1])]
@@ -194,7 +196,7 @@ class WhatIf:
         logical = self._run.scenarios[fact.scenario]
         locator = self._locators[fact.driver]
         revealed = self._setup.simulation.conditions.reveal_scenario
-        # the number of a case's point is that of its trial: its outcome is put in that place below
+        # a case gets the number of its trial as that of its point, and by it the outcome's place
         cases = [
             Case(number, concrete, "ads", fact.driver, locator, seed=self._run.settings.seed)
             for number, (lever, value) in enumerate(trials)
@@ -205,7 +207,7 @@ class WhatIf:
         for number, outcome in enumerate(run_cases(cases, self._setup), start=1):
             if outcome.status in EVALUATED:
                 evaluated[outcome.case.point] = outcome
-            elif not outcome.case.point:
+            elif outcome.case.point == 0:  # the plain rerun
                 self._error = outcome.error or outcome.status
             self._progress(stage, number, len(cases))
         return evaluated
@@ -256,9 +258,10 @@ def _flips(lever: Lever, line: Line) -> tuple[Flip, ...]:
 
 def _nearest(lines: dict[Lever, Line]) -> list[tuple[Lever, Flip]]:
     """The nearest change of each lever above its recorded value and below it, if there is any."""
-    return [
-        (lever, flip)
-        for lever, line in lines.items()
-        for above in (True, False)
-        for flip in [it for it in _flips(lever, line) if (it.after > lever.recorded) is above][:1]
-    ]
+    nearest = []
+    for lever, line in lines.items():
+        flips = _flips(lever, line)
+        above = [flip for flip in flips if flip.after > lever.recorded]
+        below = [flip for flip in flips if flip.after < lever.recorded]
+        nearest += [(lever, flip) for flip in (*above[:1], *below[:1])]
+    return nearest

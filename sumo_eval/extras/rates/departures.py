@@ -1,6 +1,7 @@
 """Distance of ADSs from the recorded ego: the page of `sumo-eval humans departure`.
 
-It has a line for every drive in a recorded scene (`extras/rates/recorded_scene.py`).
+It has a line for every drive with trajectories in a recorded scene
+(`extras/rates/recorded_scene.py`).
 
 Users: `extras/rates/people_command.py`.
 """
@@ -82,12 +83,13 @@ def departures_in(run: Path) -> tuple[list[SceneDrive], int]:
         for fact in store.facts("ads"):
             # a run whose evaluation was edited may lack the scenario
             check_known("scenario of the run", resolved.scenarios, fact.scenario)
+            # places of the recorded ego; empty where the scenario is not a recorded scene
             recorded = resolved.scenarios[fact.scenario].concrete(**fact.values).ego.recorded
             drive = store.trajectories(fact.case).get(EGO) if recorded else None
             if drive is None:
                 left_out += bool(recorded)  # its trajectories were discarded, or it never began
                 continue
-            # an actor that begins to react is handed over to SUMO, which the drive notes as a clip
+            # an actor that begins to react is handed over to SUMO, which is counted among the clips
             reactions = ((it.first_time, it.count) for it in fact.clips if it.what == "handed_over")
             drives.append(
                 SceneDrive(
@@ -96,6 +98,8 @@ def departures_in(run: Path) -> tuple[list[SceneDrive], int]:
                     next(reactions, None), fact.end_reason or fact.status,
                 )
             )  # fmt: skip
+    # the distances above are from today's files: these must be those that were driven, by the hashes
+    # that the run keeps beside its exposures
     exposures = read_exposures(run)
     scenes = {it.scenario for it in drives}
     for entry, logical in resolved.entries:
@@ -124,7 +128,8 @@ def write_departures(run: Path, path: Path) -> list[str]:
     )
     title = "Departure from the recorded vehicle"
     sentences = (
-        "Distance of each ADS, at each time, from the vehicle that was recorded in its place.",
+        "Distance of each ADS, at each time, from the vehicle that was recorded in its place (after "
+        "the recording's end from its last place).",
         "Dotted: from then on actors react. Before, and without reactions, they drive as recorded.",
         note,
     )

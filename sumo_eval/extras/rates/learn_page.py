@@ -45,9 +45,9 @@ SUMMARY = (
 """Entries of `_plain_class` that are the columns of the page's first table."""
 NOTES = (
     Text(
-        "By chance: the Kolmogorov distance that as many events, drawn from the distribution "
-        "itself, exceed in one of twenty samples. A distance below it gives no reason to doubt "
-        "the fit."
+        "By chance: a sample of as many events, drawn from the fitted distribution itself, has a "
+        "larger Kolmogorov distance than this in one of twenty cases. A distance below it gives no "
+        "reason to doubt the fit."
     ),
     Text(
         "Rates count every event except ghosts of the tracker, with exact Poisson intervals: "
@@ -116,6 +116,7 @@ def _plain_class(learnt: Learnt) -> Json:
         "without_parameters": dict(sorted(encounters.left_out.items())),
         "against_a_constraint": _against(learnt),
         "constants": learnt.constants,
+        # every k-th of many events stays
         "left_out_of_the_distribution_evenly": learnt.thinned,
     }
     if learnt.logical is None or joint is None:
@@ -126,7 +127,7 @@ def _plain_class(learnt: Learnt) -> Json:
     fitted = len(joint.events)
     return content | {
         "file": f"{encounters.name}.toml",
-        # "below": the intervals of all ends and of all correlations
+        # together with the intervals below, of all ends and all correlations
         "per_vehicle_km_interval_with_all_below": learnt.rate_together,
         "fitted": fitted,
         "model": best.model,
@@ -157,12 +158,12 @@ def _plain_class(learnt: Learnt) -> Json:
 
 
 def _against(learnt: Learnt) -> int:
-    """Number of measured events that a constraint of the scenario rules out."""
+    """Number of measured events outside the scenario's ranges or against one of its constraints."""
     return int((~learnt.kept).sum())
 
 
 def _lacking(learnt: Learnt) -> str:
-    """Why the events of a class with all parameters have no distribution."""
+    """Why those events of a class that have all parameters get no distribution."""
     if len(learnt.encounters.rows) - _against(learnt) < learnt.needed:
         return f"{learnt.needed} are needed"
     return "which do not vary in each parameter on its own"
@@ -231,8 +232,8 @@ def _class_parts(learnt: Learnt, content: Json) -> list[Text | Table | Chart]:
         ),
     ]
     if learnt.joint is None:
-        events = f"Events with all parameters, {_lacking(learnt)}"
-        pieces.append(Text(f"{events}: no scenario file.", "note"))
+        events = f"{len(encounters.rows)} events with all parameters"
+        pieces.append(Text(f"{events}, {_lacking(learnt)}: no scenario file.", "note"))
     else:
         caption = f"{encounters.name}: recorded and modelled"
         pieces = [Chart(caption, _marginals(learnt.joint)), *pieces, *_fit_parts(learnt, content)]
