@@ -24,8 +24,8 @@ _MAP, _ARRAY = "map", "array"  # {"map": pairs of key and value}, {"array": dtyp
 def encoded(value: object) -> bytes:
     """The bytes of a value, for `decoded`.
 
-    value: made of records, tuples, mappings, arrays, texts, numbers and None. Lists and named tuples
-        come back as tuples, numpy's numbers as Python's.
+    value: made of records, tuples, mappings, arrays, texts, numbers and None. Lists and named
+        tuples come back as tuples, numpy's numbers as Python's.
     """
     return json.dumps(plain(value), separators=(",", ":")).encode()
 

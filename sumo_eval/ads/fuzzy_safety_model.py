@@ -72,7 +72,7 @@ def critical_fuzzy_safety(
 
     gap: d, m.
     speed: u, other_speed: w, m/s.
-    acceleration: a, of the ego, m/s2.
+    acceleration: a, of the ego as its brakes intend it, at most 0, m/s2.
     as_coded: |a| stands for |a'| in the last of these, as in the JRC's program.
     """
     closing = speed - other_speed
@@ -81,6 +81,7 @@ def critical_fuzzy_safety(
     bounded = max(acceleration, -COMFORTABLE)  # a'
     later = speed + bounded * REACTION  # u2
     if later <= other_speed:
+        # not 0: at u2 <= w < u the ego brakes
         distance = closing * closing / (2.0 * abs(acceleration if as_coded else bounded))
         return 1.0 if gap < distance else 0.0
     covered = (0.5 * (speed + later) - other_speed) * REACTION
@@ -131,6 +132,7 @@ def fuzzy_braking(me: Any, other: Any, p: Any, scenario: Any) -> float:
     """
     if not considered(me, other, closing_across(me, other)):
         return 0.0
+    # PFS has a margin of its own, so only CFS takes the standstill gap off
     gap = bumper_gap(me, other)
     critical = critical_fuzzy_safety(
         gap - p.standstill_gap, me.along, other.along, -me.braking, p.as_coded == 1

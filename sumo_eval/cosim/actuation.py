@@ -22,7 +22,8 @@ class Actuation:
     """Commands of cases on their way to the vehicles, under `actuation_delay` and `step_budget` of
     `ConditionSettings`.
 
-    An answer over the budget is dropped: it never arrives, and the answer before it holds.
+    An answer over the budget is dropped: it never arrives, and whatever moved the ego before still
+    does.
 
     conditions: of each case; only a case that is driven alone has a budget.
     step: of the simulation, s.
@@ -42,7 +43,7 @@ class Actuation:
         # s of wall time; a case with a budget is the only one
         self.budget = conditions[0].step_budget or inf
         self._note = note
-        # commands of the last steps, (steps, cases), as a ring: step k is in slot k % steps. Zeros
+        # commands of the last steps, (slots, cases), as a ring: step k is in slot k % slots. Zeros
         # until the first command: speed kept, wheel straight.
         self._ring = np.zeros((self._steps.max() + 1, len(conditions)), EGO["command"])
 
@@ -57,7 +58,8 @@ class Actuation:
         return True
 
     def pass_on(self, commands: NDArray[np.void], cases: Any, now: int, *, has_new: bool) -> None:
-        """Replace commands of cases, (n,), by the commands that arrive in step `now`.
+        """Replace commands of cases, (n,), by the commands that arrive in step `now`. Call it in
+        every step.
 
         commands: replaced in place; without delay and budget the commands stay as they are.
         cases: the index of each command's case.

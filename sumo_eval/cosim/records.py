@@ -7,7 +7,8 @@ a body are relative to the road: x along the road's line, y to the left of it. `
 heading on the map, the same numbers on a straight road. Rules see a body as a `MOVER`.
 
 Fields of numbers have eight bytes each (`numbers_of`), and code elsewhere reads some of them by
-index (`first_number`, the first eight of a body). Append new fields at the end.
+index (`first_number`, the first eight of an ego and of an actor). Append new fields at the end of
+`EGO` or `OTHER`, not of `BODY`.
 
 Users: `ads/`, `cosim/`, `drivers/synthetic/driver.py`, `record/loops.py`.
 """

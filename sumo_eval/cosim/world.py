@@ -167,7 +167,8 @@ class World:
         self._take_scripts()
         self._make_room(placed)
         self.gather()
-        # these three are not called yet, but compiled or loaded here, not within a timed step
+        # these three are not called yet, but compiled or loaded here, not within a timed step; some
+        # arguments only have the type of the later ones
         _code(move_rows, self.cast, self.clips, self.tell, self.scenario, 0, 0)
         _code(see_rows, self.scenes, self.scenario, self.cast.line, 0, 0, 0)
         _code(read_rows, self.egos, self.shown, self.scenario, self.rows, self.tell, self.rows)
@@ -199,7 +200,8 @@ class World:
         self.end_of_lanes = road.end - _ARRIVED
         self.none_leaves_before = 0.0
         acts = self.players.acts
-        # whether moves wait: for a condition (`steps`: length of its program), or for a step's end
+        # whether any move waits for its condition, of `steps` operations, or (FOLLOW) for the end
+        # of a step
         self.waits = bool(((acts["steps"] > 0) | (acts["kind"] == FOLLOW)).any())
         self.cast = Cast(self.egos, self.others, *self.players, knots_of(road.line))
 
@@ -212,8 +214,8 @@ class World:
         self.shown = np.zeros((n, m, 4))
         self.tell = np.zeros((n * (1 + m), 8))  # as in `move_rows`
         room = 512 if n == 1 else 64  # instants
-        # free instants of `samples`, less the first one, and one more than is needed for the sample
-        # at an end, for which `room_for_samples` is not called
+        # free instants of `samples`. Not counted: that of the start, that of an end between two
+        # samples, and a spare one.
         self._free = room - 3
         # `empty`: kernels read only what kernels have written
         self.samples = np.empty((n, 1 + m, room, len(CHANNELS)))
@@ -230,7 +232,7 @@ class World:
         if road.bent:
             _put_in_curve(self.egos[row : row + 1], road, self.each[case].vehicle)
             self.egos["samples"][row] = 0
-            # of all rows: the others are as they were, and keep their first sample
+            # for all rows; for the others nothing changes, as they have a sample of this instant
             _run(begin_rows, self.cast, self.seen, self.samples, self.scenario)
 
     def gather(self) -> None:
@@ -242,7 +244,7 @@ class World:
 
     def move(self, *, to_sumo: int, as_read: bool = False) -> tuple[int, Sequence[int]]:
         """Move all vehicles to the end of the coming step; return the number of rows of `tell`, and
-        of the actors that leave the network in it their numbers, which `tell` has no rows of.
+        the numbers of the actors that leave the network in this step. `tell` has no rows of these.
 
         to_sumo: what SUMO receives in this step, as in `move_rows`.
         as_read: whether actors get their places and speeds from SUMO, not from their scripts.
@@ -277,7 +279,7 @@ class World:
             return False
         # all front bumpers are behind this x, m
         near = float((self.others["x"] + self.others["length"]).max(initial=-math.inf))
-        # a step earlier, as `now` is the end of a step that has not been driven
+        # a step earlier: actors get to the places of `now` only in the coming step
         self.none_leaves_before = now + (self.end_of_lanes - near) / FASTEST - self.settings.step
         return now > self.none_leaves_before
 
@@ -340,7 +342,7 @@ class World:
 
     @property
     def live(self) -> IntArray:
-        """The rows of cases whose recordings are not made yet."""
+        """The rows of cases that have not ended."""
         return np.flatnonzero(self.egos["live"])
 
     def case_of(self, row: int) -> int:
@@ -351,10 +353,10 @@ class World:
         """Count a clip that no kernel counts, and keep its worst instance.
 
         requested, applied: the two numbers of the clip; their meaning depends on `what`.
-        values: `count` and `first` (time, s) to set, where they are not counted here, one now.
+        values: `count` and `first` (time, s); by default one more, and the time of the first call.
         """
         notes = self.notes[case]
-        name: Any = what  # a name; kernels pass `count_clip` a number
+        name: Any = what  # `count_clip` is made for kernels, which pass a number as key
         count_clip(notes, name, self.time, float(requested), float(applied))
         vars(notes[what]).update(values)
 

@@ -44,8 +44,8 @@ def judge_rule(comparison: Comparison, settings: GateSettings, noise: Noise) -> 
     """Every part of the rule that is on."""
     results = list(_outcomes(comparison, settings, noise)) if settings.outcome.on else []
     tallied = tallies(comparison, settings, noise)
-    # of noisy ADSs: P of each tally, and the least P that is possible: if all changed cases were
-    # worse
+    # of each tally of a noisy ADS: its P, and the least P that it could have (all changed cases
+    # worse)
     chances = [
         (it.chance, 0.5 ** (it.number + it.better)) for it in tallied if noise.of(it.ads).noisy
     ]
@@ -85,7 +85,8 @@ def _gone(comparison: Comparison) -> Iterator[str]:
     groups = comparison.unpaired
     lost = [(it.ads, it.scenario) for it in groups if it.of and it.lost == it.of]
     driven = {(part.base_ads, part.scenario) for part in comparison.ads}
-    driven |= {(it.ads, it.scenario) for it in groups if it.added}  # at other points
+    # those that only drove points that the base lacks are not missing either
+    driven |= {(it.ads, it.scenario) for it in groups if it.added}
     driven_ads = {ads for ads, _ in driven}
     driven_scenarios = {scenario for _, scenario in driven}
     # as keys of a dict each stands once, in order
@@ -131,12 +132,13 @@ def _outcomes(comparison: Comparison, settings: GateSettings, noise: Noise) -> I
 
 
 def _by_chance(cases: Iterable[str], ads: str, settings: GateSettings, noise: Noise) -> list[str]:
-    """Those of the bad cases of a noisy ADS that are bad by chance: cases that were so in an
-    earlier night, and cases of which too few drives are bad tonight. The latter need an ADS that
-    was noisy in the base, too.
+    """Those of the bad cases of a noisy ADS that are bad by chance: cases that were bad by chance
+    in an earlier night, and cases of which too few drives are bad tonight. The latter not where the
+    ADS drove twice alike in the last good night (`steady`).
 
     ads: its name in the base.
     """
+    # 0: no case has too few
     least = settings.outcome.bad_of if ads not in noise.steady else 0
     return [it for it in cases if it in noise.shaky or noise.bad.get(it, least) < least]
 
@@ -202,8 +204,8 @@ def _result(
         else [part.scenario for part in comparison.ads if part.ads == tally.ads]
     )
     result = partial(GateResult, quantity, tally.ads, where[0] if len(where) == 1 else EVERYWHERE)
-    # Words on the cases that could show a change. `reason` has them without the limit of the zone,
-    # so that measures with equal reasons share a line.
+    # Words on the cases that could show a change: `of` for the sentence; `alike`, without the limit
+    # of the zone, for `reason`, so that measures with equal reasons share a line.
     of = alike = count(tally.cases, "case")
     if tally.near and zone is not None:
         of, alike = f"{of} inside {zone:g}{unit}", f"{of} inside the zone of interest"

@@ -142,8 +142,8 @@ def charts(
 ) -> list[TrendChart]:
     """The charts of one logical scenario; a quantity that was never computed has none.
 
-    Unavoidable collisions have one only with a gate: they are the collisions of two other charts,
-    all less avoidable ones.
+    Unavoidable collisions have one only with a gate: they are all collisions less the avoidable
+    ones, and both of these have a chart.
     """
     of_scenario = [value for value in values if value.scenario == scenario]
     names = list(dict.fromkeys(value.ads for value in of_scenario))

@@ -1,5 +1,6 @@
 """Keys of cached scores, zones and pages: hashes of all that these depend on, which are recorded
-facts, settings, sources of this package, and files that users name.
+facts, settings, sources of this package, and files that users name. (The fingerprint of a drive is
+in `record/identity.py`.)
 
 Users: `evaluation.py`, `record/human_reference.py`, `report/assessed.py`,
 `scoring/drive_results.py`, `scoring/zones.py`.
@@ -33,8 +34,8 @@ _LIBRARIES = "numpy", "scipy", "numba"  # whose version may change a score
 
 @cache
 def sources(*rooms: str) -> str:
-    """A hash of the files of this package that scores come from, or only those of some rooms and
-    the files that belong to no room.
+    """A hash of the files of this package that scores come from: of some rooms, or of all
+    `_ROOMS`, and always of `_FILES` and `_READERS`.
 
     It includes the versions of the libraries that compute, and of the packages that read scenarios.
     """

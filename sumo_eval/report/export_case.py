@@ -43,8 +43,9 @@ def export_case(run: Path, case: str, out: Path) -> Exported:
     """Write a case into the folder `out`: SUMO network, routes, view and .sumocfg (opens in
     sumo-gui), OpenSCENARIO and OpenDRIVE, and an evaluation of this one case with its point.
 
-    The files are named after the case, with `_` for characters other than letters, digits, dots,
-    plus signs and single hyphens. The command that drives it again is in the .xosc header, too.
+    The files are named after the case, network and view after its road, with `_` for characters
+    other than letters, digits, dots, plus signs and single hyphens. The command that drives the
+    case again is in the .xosc header, too.
 
     Raises InputError for a case that the run does not have.
     """
@@ -105,8 +106,8 @@ def _evaluation(
 
 # settings that are paths of files; `extras/wheel/outcome.py` needs `qualification`
 _PATHS = "file", "files", "recordings", "cases", "qualification"
-# settings that may be locators, which may hold a path, as `my_ads.py:MyAds`; `method` of sampling,
-# and `use` where it is not a scenario file
+# settings that may be locators, which may hold a path, as `my_ads.py:MyAds`: `method` is that of
+# sampling; a `use` may also be the path of a scenario file
 _LOCATORS = "use", "method", "controller", "source", "severity"
 
 

@@ -62,7 +62,8 @@ def effect_words(answer: Answer, hit: Collision | None) -> str:
         recorded = start if lever.unlimited else start + unit
         if answer.felt:
             return f"{recorded}: none of {answer.tried} values {verb}"
-        delay = lever.name == "conditions.actuation_delay"  # other levers limit the ADS's view
+        # of the levers that may have no effect, all but this one limit what the ADS sees
+        delay = lever.name == "conditions.actuation_delay"
         why = " where SUMO moves the ego" if delay else ", the ADS sees the world as it is"
         return f"{recorded}: no effect{why}"
     flip, *rest = answer.flips
@@ -84,7 +85,7 @@ def _bar(answer: Answer, hit: Collision | None) -> dict[str, Any]:
 
     at: position of the recorded value.
     to: position of the nearest value that changes the outcome; without such a value: `at`.
-    low, width: of the part from `at` to `to`. share: its width, % of the range.
+    low, width: of the part from `at` to `to`. share: its width in words; "" without a change.
     parts: begin and width of each part with a collision.
     """
     lever, flips = answer.lever, answer.flips
@@ -99,6 +100,7 @@ def _bar(answer: Answer, hit: Collision | None) -> dict[str, Any]:
         "to": f"{to:z.1f}",
         "low": f"{min(at, to):z.1f}",
         "width": f"{abs(to - at):z.1f}",
+        # a lever that does not act on the ADS at all times may change an outcome all the same
         "parts": list(_collides(answer, hit)) if answer.felt or answer.flips else [],
     }
 
@@ -107,7 +109,7 @@ def _collides(answer: Answer, hit: Collision | None) -> Iterator[tuple[str, str]
     """Begin and width of each part of the rail whose values collide."""
     lever = answer.lever
     changes = sorted(100.0 * lever.place(flip.after) for flip in answer.flips)
-    # the outcome at `low`: each change between it and the recorded value reverses the recorded one
+    # the outcome at the lowest value: the recorded outcome, reversed by each change in between
     below = sum(flip.after < lever.recorded for flip in answer.flips)
     collides = (hit is not None) != (below % 2 == 1)
     for begin, end in pairwise([0.0, *changes, 100.0]):

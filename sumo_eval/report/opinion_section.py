@@ -63,7 +63,8 @@ def _row(row: Mapping[str, Any], names: Iterable[str]) -> dict[str, Any]:
 def _dots(name: str, rows: Sequence[Mapping[str, Any]]) -> Iterator[dict[str, Any]]:
     """A score over the mean rating, a dot for each row that has this score.
 
-    share: the score divided by its highest value, 0..1. row: its line in the copied table.
+    share: the score divided by its highest value, 0..1. row: its line in the table that the
+        page's reader may copy.
     """
     for row in rows:
         score, opinion = row["scores"][name], row["opinion"]

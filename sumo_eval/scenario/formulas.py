@@ -1,13 +1,13 @@
 """Formulas of a scenario file: read, checked against the names that are known, evaluated at points.
 
 The tables of a scenario file make these objects. They are plain data: two readings of one file are
-equal, and workers can receive them. A formula is an `Expression`
-(`scenario/expression.py`) with what it needs to be evaluated: definitions, limits, a place in the
-file for messages.
+equal, and workers can receive them. A formula is an `Expression` (`scenario/expression.py`, which
+lists the functions that it may call) with what it needs to be evaluated: definitions, limits, a
+place in the file for messages.
 
 Users: `extras/openscenario/logical.py`, `extras/rates/exposure.py`, `scenario/file_tables.py`,
 `scenario/streams.py`, `scenario/trigger.py`, `scenario/vehicle_tables.py`,
-`scenario/zone_table.py`. Free to change: all but the words of messages.
+`scenario/zone_table.py`. Fixed: values, what is refused, words of messages.
 """
 
 from __future__ import annotations
@@ -79,8 +79,8 @@ class Formulas:
         for expression in self.expressions:
             results.append(np.broadcast_to(expression.value(extended), shape))
             if np.isnan(results[-1]).any():
-                # Of a zone rule: a condition is never nan. Refused also where a constraint does not
-                # hold, because the zones are learnt there, too.
+                # only a zone rule may be nan: conditions are true or false. It is refused also
+                # where a constraint does not hold, because the zones are learnt there, too.
                 wanted = "a number at every point of the ranges"
                 raise must_be(f"`{expression.text}`", "the zone rule", wanted, np.nan)
         return tuple(results)
@@ -143,7 +143,7 @@ class ExposureDensity:
         """
         factor = expression.value(self.definitions.extend(values))
         undefined = ~(np.isfinite(factor) & (factor >= 0.0))
-        wrong = undefined  # and possible, after the loop
+        wrong = undefined  # after the loop: undefined where all constraints hold
         for constraint in self.constraints:
             wrong = wrong & constraint.holds(values)
         if wrong.any():
@@ -209,7 +209,8 @@ class Names:
     vehicles: name of an actor -> name of a manoeuvre -> index of the act.
     has_recorded_ego: whether the ego has recorded positions. Then the `when` of a `follow` may use
         `departed`.
-    scene: expressions that the scene depends on; `quantity` and conditions add to it.
+    scene: expressions that the scene depends on: the methods below that read a quantity or a
+        condition append theirs.
     """
 
     where: str

@@ -80,7 +80,7 @@ def index_again(
     point, and not taken from the cache.
     """
     drives = store.driven_at(fact.scenario, fact.point, "human")
-    job = PointJob(tuple(fact.case for fact in drives), road, (fact.case,))
+    job = PointJob(tuple(it.case for it in drives), road, ads=(fact.case,))
     settings = evaluation.settings.method.anthropomorphic
     ((_, index),) = compute_point(job, job.names, store, settings)
     assert isinstance(index, AnthropomorphicIndex), "the job asks for D_i alone"
@@ -158,6 +158,7 @@ def behind(scene: CaseDrives, logical: LogicalScenario, margin: float) -> Behind
     places, slowest = asked.places[counted], asked.slowest[counted]
     if not places.size:
         return None
+    # `in` compares by identity, as trajectories have no `==` of their own
     drivers = sum(trajectory in scene.drivers for trajectory in clean)
     length = float(places[-1]) - start.x
     make = partial(Behind, asked=length, drivers=drivers, car=len(clean) > drivers)
@@ -292,7 +293,10 @@ def _furthest(scene: CaseDrives, places: FloatArray, channel: Literal["speed", "
 
 
 def _at_places(drive: Trajectory, places: FloatArray, channel: str) -> FloatArray:
-    """A channel of a drive at places x (n,), m, (n,)."""
+    """The values of a channel of a drive at places, (n,).
+
+    places: x, m, (n,).
+    """
     reached = np.maximum.accumulate(drive.x)
     return np.asarray(np.interp(places, reached, getattr(drive, channel)))
 

@@ -47,7 +47,7 @@ class LedgerLine:
     parts: contribution of each case to the index, (m,); a loss is negative.
     cases: number of these cases that lost at least `WORTH_COUNTING` of the index. Two terms differ:
         T counts cases with t_i below 1 - `NOTICEABLE`, and A counts every case that lost anything,
-        so that a collision which C counts is counted in A too.
+        also a light collision.
     equation: number in the paper; empty for a term that is not the paper's.
     scale: points of S+ or S for 1 of the index.
     """
@@ -196,8 +196,9 @@ def _avoided_lines(findings: Findings) -> _Lines:
         yield _line(findings, "A", NOT_COMPUTED, alone=-1.0)
         return
     lost = np.nan_to_num(findings.share_lost)
+    # every incident is in one of these groups
     groups = {
-        # if the ADS left the road with a U above U0 before it gave up, "left the road" has the case
+        # not if the ADS left the road before, with a U above U0: then "left the road" has the case
         "given up, which counts as doing nothing": cases.gave_up
         & (cases.incident_severity <= cases.no_reaction_severity),
         "collisions that the ADS caused: a vehicle that does nothing has none": cases.caused,
@@ -288,7 +289,7 @@ def _factor_lines(
         cause = name if name in ("similarity", "plausibility") else f"{name} factor"
         lost = share * losses[:, column]
         yield _line(findings, term, cause, places, lost=lost, equation=equation)
-    # by how much each value is below the product of its factors; negative, a gain, if it is above
+    # by how much the index of each case is below the product of its factors; below 0: a gain
     rest = share * (values.prod(axis=1) - likeness[places])
     if (np.abs(rest) > ROUNDING).any():
         cause = "the rest, not a product of the factors"

@@ -1,5 +1,6 @@
 """Table `[simulation]` of evaluation.toml: the ego's vehicle, limits of what an ADS perceives and
-commands, steps and end of a case. Used by `cosim/`; the JSON schema and the report show the texts.
+commands, steps and end of a case. The JSON schema and the report show the texts. A case may change
+some settings (`CHANGES` of `scenario/concrete.py`).
 
 Users: `ads/`, `cosim/`, `record/`, `scenario/`, `settings/evaluation.py`, `whatif/levers.py`,
 `extras/`.
@@ -115,7 +116,7 @@ class ConditionSettings(Checked):
     occlusion: bool = setting(
         False, "a vehicle covered to 80 % of its width by a nearer one is not seen"
     )
-    # commands of as many steps wait in memory
+    # `Le`: the commands of so long a time wait in memory
     actuation_delay: Annotated[NotNegativeFloat, Le(100.0)] = setting(
         0.0, "time until a Command reaches the vehicle", "s"
     )

@@ -2,10 +2,10 @@
 
 Users: `cli/whatif.py`, `nightly/night.py`, `report/levers_section.py`, `report/verdict.py`.
 
-The first round drives 33 values along each lever, or all if it has fewer. The second (`fine`) drives
-every step between the two values where the outcome changes, for the nearest change on each side of
-the recorded value. Then both ends of these changes are rerun: an ADS must repeat its outcome. A
-change and its return between two values of the first round are not found.
+The first round drives 33 values along each lever, or all if it has fewer. The second (`fine`)
+drives every step between the two values where the outcome changes, for the nearest change on each
+side of the recorded value. Then both ends of these changes are rerun: an ADS must repeat its
+outcome. A change and its return between two values of the first round are not found.
 """
 
 from collections.abc import Sequence
@@ -30,7 +30,7 @@ _WITHOUT_EFFECT = {
     "conditions.sensor_range": "perception_not_limited",
     "conditions.actuation_delay": "actuation_not_delayed",
 }
-"""Lever that does not act on some ADSs -> name of the clip that says so in a drive's recording."""
+"""Lever that does not act on some ADSs -> name of the clip by which a recording shows this."""
 
 Line = dict[float, bool]
 """Whether the ADS collides, by value of a lever."""

@@ -1,6 +1,8 @@
 """Importers: the traps of each format, on real samples and on rows worked by hand."""
 
+import bz2
 import gzip
+import lzma
 import shutil
 
 import numpy as np
@@ -406,6 +408,15 @@ def test_sumo_keeps_every_id_beside_a_step_without_vehicles(tmp_path):
     bicycle = sumo_fcd.read(tmp_path / "b.csv")[0].iloc[0]
     assert bicycle["class"] == "bicycle"
     assert bicycle["length"] == 1.6
+
+
+@pytest.mark.parametrize("packed", [gzip, bz2, lzma])
+def test_a_fault_of_a_compressed_table_has_its_row(tmp_path, packed):
+    ending = {gzip: "gz", bz2: "bz2", lzma: "xz"}[packed]
+    path = tmp_path / f"x.csv.{ending}"
+    path.write_bytes(packed.compress(f"{OWN}r,a,0,1,2,4,2\n\nr,a,0.1,oops,2,4,2\n".encode()))
+    with refusal("`x` in row 4 of"):
+        read_csv(path)
 
 
 @pytest.mark.parametrize("name", ["x.csv", "x.xml", "x.xml.gz"])

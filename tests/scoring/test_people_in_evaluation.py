@@ -357,6 +357,14 @@ def test_the_ranking_under_other_constants(runs):
     settings = read_settings(out)
     for constants, idle in (((), True), (("a", "k3"), True), (("k2",), False)):
         assert (sensitivity_lines(rows, constants, settings)[-1] == K3_IS_IDLE) is idle
+    # k3 is a threshold of turns of the wheel, unless a lateral acceleration is one
+    for acceleration, idle in ((None, False), (1.0, True)):
+        turns = replace(
+            settings.method.anthropomorphic, steering_rule="wheel",
+            steering_lateral_acceleration=acceleration,
+        )  # fmt: skip
+        ruled = replace(settings, method=replace(settings.method, anthropomorphic=turns))
+        assert (sensitivity_lines(rows, ("k3",), ruled)[-1] == K3_IS_IDLE) is idle
     assert {(row.constant, row.index) for row in rows} == {
         ("k2", "D"),
         ("k2", "H"),

@@ -4,7 +4,8 @@ Each case has an object of its own, but cases share globals of modules, attribut
 functions, closures, and the global random generators. Where a batch changes such state, its cases
 may depend on each other.
 
-Users: `cosim/simulation.py` compares the state before and after a batch.
+Users: `cosim/simulation.py` compares the state before and after a batch (`kept_state`), drives an
+ADS alone that uses libsumo (`reaches_libsumo`), and looks into an ADS's module (`module_of`).
 """
 
 import inspect
@@ -28,8 +29,8 @@ from sumo_eval.cosim.doors.traci_module import TRACI
 from sumo_eval.cosim.sumo.insides import libsumo
 
 State = dict[str, object]  # snapshots (`_frozen`) by name
-# by id of an object: its number, the least depth at which it was looked into, and the object
-# itself, so that no other object gets its id
+# by id of an object: its number in the order of first sight, the least depth at which it was looked
+# into, and the object itself, so that no other object gets its id
 _Seen = dict[int, tuple[int, int, Any]]
 _DEEPEST = 12  # containers and objects within each other that are looked into
 _MOST = 10_000  # members of a container that are compared
@@ -57,12 +58,14 @@ def kept_state(ads: Any) -> State:
     ads: a class or a function.
 
     Not compared: module variables whose names begin with `__`, the code of functions, variables of
-    foreign modules (`reached_modules`), members of a container beyond the first `_MOST`.
+    foreign modules (`reached_modules`), members of a container beyond the first `_MOST`, attributes
+    that the user's own kind of container has beside its members.
 
-    Compared by identity alone: objects of the standard library (except those of `_LOOKED_INTO`) and
-    of compiled code; iterators of containers and of itertools, except `count` and `repeat` (a copy
-    would show the position, but warns from Python 3.12 on); objects deeper than `_DEEPEST`.
-    Containers deeper than that are compared by length alone.
+    Compared by identity alone:
+    - objects of compiled code and of the standard library, except `_LOOKED_INTO` and `_PICKLED`;
+    - iterators of containers and of itertools, whose position only a copy would show, except
+      `count` and `repeat`;
+    - objects deeper than `_DEEPEST`. Containers deeper than that are compared by length alone.
     """
     # state that all code of a process shares
     state: State = {
@@ -71,9 +74,11 @@ def kept_state(ads: Any) -> State:
         # numba sets variables of its own when its first function is compiled
         "os.environ": {k: v for k, v in os.environ.items() if not k.startswith("NUMBA_")},
         "the working directory": os.getcwd(),
+        # ADSs may replace TraCI's functions
         "traci": [id(it) for part in (TRACI, *TRACI.DOMAINS) for it in vars(part).values()],
     }
     for module in reached_modules(ads):
+        # `module.`; of a file that was loaded by its path `file.py: `
         prefix = _BY_PATH.sub(r"\1.py: ", f"{module.__name__}.")
         variables = list(vars(module).items())  # a list: a property of the user's may add some
         state |= {f"{prefix}{k}": _frozen(v, 0) for k, v in variables if k[:2] != "__"}
@@ -141,9 +146,8 @@ def _is_foreign(module: str) -> bool:
 def module_of(value: Any) -> ModuleType | None:
     """The module that defines a function, a class or an object's class; None: unknown.
 
-    A module that was loaded from a file's path may be missing in `sys.modules`, as may one that
-    has put an object there instead of itself. The result then has the variables that one of its
-    functions sees.
+    A module that was loaded from a file's path may be missing in `sys.modules`, and a module may
+    have put another object there. The result then has the variables that one of its functions sees.
     """
     kind = value if _is(value, type | FunctionType) else type(value)
     module = sys.modules.get(kind.__module__)
@@ -178,7 +182,7 @@ def _frozen(value: Any, depth: int, seen: _Seen | None = None) -> object:
         return "nan" if value != value else value
     if seen is None:
         seen = {}
-    # an object that is new has the next number, and has been looked into at no depth
+    # a new object gets the next number, and a depth below all that occur (`_DEEPEST` + 1)
     number, least, _ = seen.get(id(value), (len(seen), _DEEPEST + 2, None))
     if depth >= least:
         return "seen", number
@@ -230,15 +234,16 @@ def _parts(value: Any) -> tuple[Any, ...]:
         return () if frame is None else (frame.f_lasti, dict(frame.f_locals))
     kind = value if isinstance(value, type | FunctionType) else type(value)
     module = kind.__module__ or ""
-    # of the modules `_LOOKED_INTO`, only objects are looked into, no classes and functions
-    if _is_foreign(module) and (kind is value or module not in _LOOKED_INTO):
+    # of foreign code only objects are looked into, and only those of the modules `_LOOKED_INTO`
+    is_object = kind is not value
+    if _is_foreign(module) and not (is_object and module in _LOOKED_INTO):
         return ()
     if isinstance(value, FunctionType):
         # variables of a closure; an empty cell is one without a value yet
         cells = [it.cell_contents for it in value.__closure__ or () if it != CellType()]
         return vars(value), value.__defaults__, value.__kwdefaults__, cells
     # an object keeps slots outside its `__dict__`; a class has them as entries of its own
-    slots = [getattr(value, name, None) for name in _slots(kind) if kind is not value]
+    slots = [getattr(value, name, None) for name in _slots(kind) if is_object]
     return dict(getattr(value, "__dict__", {})), slots
 
 

@@ -40,8 +40,8 @@ def plot(
     from sumo_eval.extras.figures.style import ending_of, refuse_without_matplotlib, save, width_of
 
     file = out or run / f"{figure}.svg"
-    # checked before the run is scored, which takes longer; `draw` refuses an unknown figure
-    if figure in FIGURES:
+    # `draw` scores the run of most figures: what can be refused at once is checked before
+    if figure in FIGURES:  # `draw` refuses any other
         width_of(width)
         ending_of(file)
         refuse_without_matplotlib()

@@ -98,8 +98,8 @@ def departures_in(run: Path) -> tuple[list[SceneDrive], int]:
                     next(reactions, None), fact.end_reason or fact.status,
                 )
             )  # fmt: skip
-    # the distances above are from today's files: these must be those that were driven, by the hashes
-    # that the run keeps beside its exposures
+    # The distances above are from today's files. These must be those that were driven, by the
+    # hashes that the run keeps beside its exposures.
     exposures = read_exposures(run)
     scenes = {it.scenario for it in drives}
     for entry, logical in resolved.entries:
@@ -128,8 +128,8 @@ def write_departures(run: Path, path: Path) -> list[str]:
     )
     title = "Departure from the recorded vehicle"
     sentences = (
-        "Distance of each ADS, at each time, from the vehicle that was recorded in its place (after "
-        "the recording's end from its last place).",
+        "Distance of each ADS, at each time, from the vehicle that was recorded in its place (after"
+        " the recording's end from its last place).",
         "Dotted: from then on actors react. Before, and without reactions, they drive as recorded.",
         note,
     )

@@ -41,8 +41,8 @@ _SETTING_OF = {
 
 K3_IS_IDLE = (
     "k3 moves no score here: it is a threshold only where "
-    '`method.anthropomorphic.steering_rule = "wheel"`; here a steering operation is a lateral '
-    "manoeuvre."
+    '`method.anthropomorphic.steering_rule = "wheel"` and without a '
+    "`steering_lateral_acceleration`."
 )
 
 _LIKENESS_FIELDS = {"D": "d", "H": "human_likeness"}
@@ -74,7 +74,7 @@ class SensitivityRow(NamedTuple):
     scores: of the ADSs, in the order of `ads`; nan where not computed.
     ranking: names of the ADSs, best first.
     tau: Kendall's tau-b between these scores and those of the run; 1 where no score changes. It is
-        nan where fewer than two ADSs can be ranked, and where changed scores all tie.
+        nan where fewer than two ADSs can be ranked, and where the scores of either all tie.
     """
 
     scenario: str
@@ -90,8 +90,8 @@ class SensitivityRow(NamedTuple):
 def sensitivity(
     run: Path, progress: Callable[[str, int, int], None], *, constants: Sequence[str]
 ) -> list[SensitivityRow]:
-    """Score a run again with each constant halved and doubled, up to its largest value, and with
-    other values of a.
+    """Score a run again with each constant halved and doubled, but never above its largest value,
+    and with other values of a.
 
     progress: called with the stage, the number of values scored and the number of all.
     constants: any of k1, k2, k3, k4, `centre floor`, `field floor`, a (b = 100 - a); empty: all,
@@ -159,8 +159,11 @@ def _most(settings: EvaluationSettings, path: str) -> float:
 
 
 def _k3_counts(settings: EvaluationSettings) -> bool:
-    """Whether k3 matters: it does where steering operations are turns of the wheel beyond k3."""
-    return settings.method.anthropomorphic.steering_rule != "manoeuvre"
+    """Whether k3 matters: it does where steering operations are turns of the wheel beyond k3, not
+    lateral manoeuvres or turns beyond a lateral acceleration.
+    """
+    rules = settings.method.anthropomorphic
+    return rules.steering_rule != "manoeuvre" and rules.steering_lateral_acceleration is None
 
 
 def _scores(evaluation: Evaluation, scenario: str, field: str) -> Scores:
@@ -226,15 +229,16 @@ def _cell(value: Any) -> Any:
 
 
 def write_sensitivity_plot(rows: Sequence[SensitivityRow], path: Path) -> None:
-    """Write a page with three charts for each scenario: the totals, D and H.
+    """Write a page with up to three charts for each scenario: the totals, D and H.
 
     A chart has a panel for each score and constant, with the score of every ADS over its value.
 
     path: of the page; in the same folder is the file of `write_rows`, with the ending `.csv`.
     """
     header, *cells = _table(rows)
-    both = dict.fromkeys(_TOTALS, " and ".join(_TOTALS))  # in one chart
-    charts = grouped((f"{row.scenario}: {both.get(row.index, row.index)}", row) for row in rows)
+    # S and S+ share a chart
+    caption = dict.fromkeys(_TOTALS, " and ".join(_TOTALS))
+    charts = grouped((f"{row.scenario}: {caption.get(row.index, row.index)}", row) for row in rows)
     write_study(
         path,
         kicker="Sensitivity",

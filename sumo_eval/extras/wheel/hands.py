@@ -23,7 +23,7 @@ LATERAL = 3.0  # m/s2 across the path, which the limit of a held steering key gi
 EVASIVE = 6.0  # m/s2, the same with the key for evasion, and of a stick pushed to its end
 TURN_TIME = 0.3  # s in which a held key turns the wheel from straight to its limit
 RETURN_TIME = 0.15  # s in which the released wheel turns from its limit to straight
-FASTEST = 12.0  # rad/s: the wheel never turns faster
+FASTEST = 12.0  # rad/s: keys and stick never turn the wheel faster, so at low speed it takes longer
 WIDEST = math.radians(450.0)  # largest angle of the steering wheel to each side, rad
 DRIVES, BRAKES, BRAKES_HARD = 2.5, 4.0, 9.0  # m/s2: size of the acceleration by each key
 

@@ -6,6 +6,7 @@ Users: `drivers/`, `extras/studies/`.
 
 from __future__ import annotations
 
+import bz2
 import csv
 import gzip
 import itertools
@@ -34,7 +35,9 @@ LARGEST = 2.0**53
 DRIVER = {"driver": str}  # whose cells may be empty: not every driver is known
 IDENTIFIERS = {"recording": str, "vehicle": str, **DRIVER}
 
-JUMP, JUMP_SPEED = 10.0, 100.0  # m, and m/s: a step beyond both is a jump to another vehicle
+# m, and m/s: a step that is longer than the first and its time at the second together is a jump to
+# another vehicle, unless the track is usually that fast
+JUMP, JUMP_SPEED = 10.0, 100.0
 CHORD = 0.5  # s between the samples that show speed and course; noise is then small
 FASTEST = 70.0  # m/s; a faster median is in feet or cm
 MOVES = 3.0  # m/s; a faster step shows the unit of `speed`
@@ -42,6 +45,7 @@ SPEEDS_AGREE = 0.67, 1.5  # median of `speed` over that of steps; km/h are 3.6, 
 STEP = 1.0  # m; a longer step shows its course, a shorter one the noise of positions
 HEADING_SHARE = 0.99  # of these steps, whose course is near the heading
 HEADING_LIMIT = 0.5  # rad; a course at most this far from the heading is near it
+_COMPRESSED: Any = {".gz": gzip.open, ".bz2": bz2.open, ".xz": lzma.open}
 _UNREADABLE = OSError, EOFError, UnicodeDecodeError, csv.Error, zlib.error, lzma.LZMAError
 WHOLE = {"lane", "Lane_ID", "Vehicle_ID", "id", "trackId"}  # columns of whole numbers
 
@@ -73,8 +77,10 @@ def reading(path: Path) -> Iterator[None]:
 
 
 def read_table(path: Path, required: Sequence[str], **options: Any) -> DataFrame:
-    """A CSV file with at least the `required` columns; `options` go to pandas, `dtype` as a
-    dict and then without options that choose rows.
+    """A CSV file with at least the `required` columns.
+
+    options: of pandas; a `dtype` is a dict. With it no option may leave out rows, as its columns
+        are read a second time.
 
     Raises InputError for a file that is not such a table.
     """
@@ -218,7 +224,7 @@ def check_motion(table: DataFrame) -> None:
     table: recording, vehicle, t, x, y and what is known of speed and heading, by vehicle and time.
     """
     sizes = table.groupby(["recording", "vehicle"]).size()
-    # steps over as many samples as a chord has, but not over more than a usual track has
+    # a step spans as many samples as `CHORD` lasts, but not more than a usual track has
     in_chord = CHORD / np.nan_to_num(_steps(table)[1].median(), nan=CHORD)
     samples = round(max(1.0, min(in_chord, sizes.median() - 1.0)))
     moved, seconds = _steps(table, samples)
@@ -256,11 +262,12 @@ def line_of_row(path: Path, row: int, heading: int = 1) -> int:
     row: number in the table of pandas, from 0; it has no rows for blank lines.
     heading: number of lines before the first row, blank ones not counted.
     """
-    opened = gzip.open if path.suffix == ".gz" else open
+    opened = _COMPRESSED.get(path.suffix, open)
     with opened(path, "rt", encoding="utf-8", errors="replace", newline="") as file:
         lines = csv.reader(file)  # `line_num` is that of the row just read
         filled = (lines.line_num for cells in lines if len(cells) > 1 or "".join(cells).strip())
-        return next(itertools.islice(filled, heading + row, None))
+        in_file = itertools.islice(filled, heading + row, None)
+        return next(in_file, heading + row + 1)  # of a compression that only pandas reads
 
 
 def add_motion(table: DataFrame, names: Sequence[str], owner: str) -> list[str]:
