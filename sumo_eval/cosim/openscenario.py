@@ -418,7 +418,10 @@ def exported_case(root: Any, road: bytes) -> ConcreteScenario:
             "its <FileHeader> it is read as any other file"
         )
     try:
-        case: ConcreteScenario = decoded(properties[CASE].encode(), _RECORDS)
-    except (KeyError, TypeError, ValueError) as error:  # of a version with other records
+        case = decoded(properties[CASE].encode(), _RECORDS)
+        if not isinstance(case, ConcreteScenario):
+            raise TypeError(case)
+    # of a version with other records
+    except (AttributeError, KeyError, TypeError, ValueError) as error:
         raise InputError("its exported case cannot be read") from error
     return case

@@ -428,7 +428,7 @@ def _shard_of(
     for name in ("sumo_eval", "libsumo"):
         if versions[name] != first_versions[name]:
             raise InputError(f"{folder} was made with another version of {name} than {first}.")
-    if own["files"] != manifest["files"] or (
+    if own.get("files") != manifest.get("files") or (  # runs of earlier versions have none
         run_folder.read_exposures(folder) != run_folder.read_exposures(first)
     ):
         raise InputError(

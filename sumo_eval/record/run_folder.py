@@ -140,7 +140,7 @@ def create(
             if resumed:
                 manifest["resumed"] = resumed
         if driven:  # what is there now may have changed since
-            manifest |= {name: driven[name] for name in ("files", "builds")}
+            manifest |= {name: driven.get(name, {}) for name in ("files", "builds")}
         write_whole(folder / MANIFEST, sealed(manifest))
 
 

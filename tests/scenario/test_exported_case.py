@@ -5,10 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from laid import replace_in
+from lxml import etree
 from refusals import refusal
 
 from sumo_eval.cosim import simulate
-from sumo_eval.cosim.openscenario import CASE, opendrive_xml, openscenario_xml
+from sumo_eval.cosim.openscenario import _SEAL, CASE, _seal, opendrive_xml, openscenario_xml
 from sumo_eval.extras.openscenario.describe import described
 from sumo_eval.extras.openscenario.logical import concrete, read_file
 from sumo_eval.extras.openscenario.written import scenario_content
@@ -106,6 +107,17 @@ def test_no_scenario_file_leaves_out_what_an_exported_case_has(tmp_path, changes
     read = read_file(exported(tmp_path, replace(middle("front_vehicle_braking"), **changes)))
     with refusal(f"no words for {what}"):
         scenario_content(read, {})
+
+
+def test_a_sealed_property_that_holds_no_case_is_refused(tmp_path):
+    path = exported(tmp_path, middle("cut_in"))
+    tree = etree.parse(path)
+    values = {CASE: "5", _SEAL: _seal(tree.getroot(), (tmp_path / "case.xodr").read_bytes(), "5")}
+    for name, value in values.items():
+        tree.find(f"FileHeader/Properties/Property[@name='{name}']").set("value", value)
+    tree.write(path)
+    with refusal("its exported case cannot be read"):
+        read_file(path)
 
 
 @pytest.mark.parametrize(

@@ -7,6 +7,7 @@ quality of each drive, `outcome` compares it with the bounds.
 Users: `extras/wheel/outcome.py`, `extras/wheel/plan.py`, `extras/wheel/trip.py`.
 """
 
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
@@ -189,7 +190,7 @@ def first_event(concrete: ConcreteScenario) -> float | None:
         act.begin
         for actor in concrete.actors
         for act in actor.acts
-        if not act.program and (act.kind <= COSINE or act.kind == SPEED)
+        if not act.program and act.begin < math.inf and (act.kind <= COSINE or act.kind == SPEED)
     )
     return min(begins, default=None)
 
