@@ -2,8 +2,8 @@
 anything.
 
 Users: `case_table.py`, `cosim/openscenario.py`, `record/claims.py`, `record/human_reference.py`,
-`record/points.py`, `scoring/drive_results.py`, `scoring/kept_scores.py`. Fixed: the form, as files
-that `sumo-eval export` wrote hold it; caches do not outlive a change of this file.
+`record/points.py`, `scoring/drive_results.py`, `scoring/kept_scores.py`. Fixed: the form,
+because files that `sumo-eval export` wrote hold it. Caches do not outlive a change of this file.
 """
 
 import json
@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 Classes = Mapping[str, Any]
-"""Class of a record, or a function that makes one of its fields' values, by name of the class."""
+"""Name of a record's class -> the class, or a function that makes the record from its fields."""
 # Keys in JSON. A record: {"is": name of its class, "of": values of its fields}.
 _CLASS, _VALUES = "is", "of"
 _MAP, _ARRAY = "map", "array"  # {"map": pairs of key and value}, {"array": dtype, shape, bytes}

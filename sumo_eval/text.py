@@ -87,6 +87,13 @@ def clean_log(text: str) -> str:
     return clean(text, LOG, lines=True)
 
 
+def as_utf8(text: str) -> str:
+    """A text that a file or SQLite can keep: a path or a reason in it may have bytes that are not
+    UTF-8, which Python holds as surrogates.
+    """
+    return text.encode(errors="backslashreplace").decode()
+
+
 def last_lines(log: str, most: int) -> str:
     """The end of a log, at most `most` lines, each cut to what a sentence may have."""
     lines = log.rstrip().splitlines()

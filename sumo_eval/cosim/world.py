@@ -71,11 +71,9 @@ _ARRIVED = 0.101  # m; SUMO removes a vehicle whose front is nearer to the end o
 def described(
     road: Road, vehicles: Sequence[VehicleSettings], settings: SimulationSettings
 ) -> Records:
-    """Two `SCENARIO` records for each of these vehicles on this road.
+    """Two `SCENARIO` records for each of these egos' vehicles on this road.
 
-    vehicles: the egos' own.
-
-    They differ in `step`: the first has the time step, s, the second the cycle of decisions
+    The two differ in `step`: the first has the time step, s, the second the cycle of decisions
     (`records.CYCLE`), rounded to whole steps.
     """
     # all values in the order of the fields of `SCENARIO`

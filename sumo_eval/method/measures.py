@@ -2,10 +2,10 @@
 THW, DRAC, PET, delta-v, and how well a lane was kept.
 
 Distances and speeds are along the road, x, at the ego's samples, unless a measure says otherwise. A
-vehicle is in the ego's path if
-the two bodies overlap across the road, |y_other - y_ego| < (w_ego + w_other)/2, and ahead if its
-centre is in front of the ego's. Of the vehicles ahead in the path the nearest counts, sample by
-sample. A measure is nan if it is not defined in the case, inf if it is unbounded.
+vehicle is in the ego's path if the two bodies overlap across the road, |y_other - y_ego| <
+(w_ego + w_other)/2, and ahead if its centre is in front of the ego's. Of the vehicles ahead in the
+path the nearest counts, sample by sample. A measure is nan if it is not defined in the case, inf if
+it is unbounded.
 
 Users: `scoring/` (which puts the measures into cases.csv), `method/`. Fixed: the smoothing of
 `smooth_motion`, with which `plausibility.MOTORWAY_PEOPLE` was measured; names of the fields of

@@ -20,6 +20,7 @@ from sumo_eval.report.gate_result import GateResult
 from sumo_eval.results import Evaluation, ScenarioResult
 from sumo_eval.scoring.case_terms import SCORES
 from sumo_eval.scoring.gate_settings import NearMissSettings
+from sumo_eval.text import as_utf8
 
 HISTORY = "history.sqlite"
 FORMAT_VERSION = 1
@@ -224,7 +225,7 @@ class History:
             places = ",".join("?" * len(row))
             self._connection.execute(
                 f"INSERT INTO {table} VALUES ({places})",  # noqa: S608
-                [_utf8(value) if isinstance(value, str) else value for value in row],
+                [as_utf8(value) if isinstance(value, str) else value for value in row],
             )
 
     def accepted(self) -> list[Accepted]:
@@ -349,11 +350,6 @@ def _columns(connection: sqlite3.Connection, table: str) -> set[str]:
     """Names of a table's columns; none without such a table."""
     # a row has the number of a column, its name, and more
     return {name for _, name, *_ in connection.execute(f"PRAGMA table_info({table})")}
-
-
-def _utf8(text: str) -> str:
-    """A text that SQLite can keep: a path or a reason in it may have bytes that are not UTF-8."""
-    return text.encode(errors="backslashreplace").decode()
 
 
 def is_begun(folder: Path) -> bool:

@@ -133,8 +133,8 @@ def _outcomes(comparison: Comparison, settings: GateSettings, noise: Noise) -> I
 
 def _by_chance(cases: Iterable[str], ads: str, settings: GateSettings, noise: Noise) -> list[str]:
     """Those of the bad cases of a noisy ADS that are bad by chance: cases that were bad by chance
-    in an earlier night, and cases of which too few drives are bad tonight. The latter not where the
-    ADS drove twice alike in the last good night (`steady`).
+    in an earlier night, and cases of which too few drives are bad tonight. There are none of the
+    latter where the ADS drove twice alike in the last good night (`steady`).
 
     ads: its name in the base.
     """

@@ -73,9 +73,8 @@ class Batches:
         self._remarks: dict[str, tuple[Alone, str]] = {}  # by key of a case, see `remark`
         self._running = 0  # batches that were taken and have not ended
         self._largest_of: dict[Kind, int] = {}  # size of the next batches of a kind, at most
-        self._largest_in_time: dict[
-            Kind, int
-        ] = {}  # size beyond which batches of a kind take too long
+        # size beyond which batches of a kind take too long
+        self._largest_in_time: dict[Kind, int] = {}
         # Cases that ended in batches, by locator of their ADS on TraCI: the latest as objects in
         # `_batched`, earlier ones compressed. All run again if the ADS turns out to keep state
         # between cases; `_keeps_state` then has the reason.

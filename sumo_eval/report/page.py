@@ -25,7 +25,7 @@ from markupsafe import Markup, escape
 
 from sumo_eval.input_file import write_whole, writing
 from sumo_eval.report.words import interval_words, number, percent, span
-from sumo_eval.text import point_words
+from sumo_eval.text import as_utf8, point_words
 
 if TYPE_CHECKING:
     import jinja2
@@ -44,10 +44,8 @@ def write_page(path: Path, page: str, what: str) -> Path:
 
     what: begins the error message if it cannot be written, e.g. `The report`.
     """
-    # a path in it may have bytes that are not UTF-8, as surrogates, which cannot be written
-    page = page.encode(errors="backslashreplace").decode()
     with writing(f"{what} {path}", path.parent):
-        write_whole(path, page)
+        write_whole(path, as_utf8(page))
     return path
 
 

@@ -43,7 +43,7 @@ def summary_content(evaluation: Evaluation, additions: Additions) -> Json:
     ][:MOST_CHANGES]
     notes = []
     if comparison:
-        # builds other than the ADS's own
+        # the builds that no difference lists
         notes = builds_besides(evaluation.manifest.get("builds", {}), comparison)
         notes += [difference.words for difference in comparison.differences]
     return {

@@ -8,7 +8,7 @@ Users: `extras/figures/command.py`.
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from sumo_eval.errors import InputError, check_known
 from sumo_eval.evaluation import score
@@ -56,7 +56,8 @@ def draw(
         and (evaluation / "boundary.json").is_file()
     )
     if figure in OF_RUNS and not searched:
-        run = resolved_run(evaluation) if isinstance(evaluation, Path) else evaluation
+        # both kinds have settings and scenarios
+        run: Any = resolved_run(evaluation) if isinstance(evaluation, Path) else evaluation
         # names are checked before a run is scored, which takes longer
         if ads is not None:
             check_known("ADS", [entry.name for entry in run.settings.ads], ads)
@@ -65,7 +66,7 @@ def draw(
         if isinstance(evaluation, Path):
             if case is not None:
                 known_case(evaluation, case)
-            evaluation = score(evaluation, progress=progress)
+            evaluation = score(evaluation, progress=progress, resolved=run)
         return OF_RUNS[figure](FigureRequest(evaluation, scenario, ads, case, width))
     folder = evaluation.folder if isinstance(evaluation, Evaluation) else evaluation
     # of the figures of a folder only `trend` takes a scenario and an ADS, and none takes a case

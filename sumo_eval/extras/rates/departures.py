@@ -128,8 +128,8 @@ def write_departures(run: Path, path: Path) -> list[str]:
     )
     title = "Departure from the recorded vehicle"
     sentences = (
-        "Distance of each ADS, at each time, from the vehicle that was recorded in its place (after"
-        " the recording's end from its last place).",
+        "Distance of each ADS, at each time, from the vehicle that was recorded in its place; once "
+        "the recording has ended, from where that vehicle was last.",
         "Dotted: from then on actors react. Before, and without reactions, they drive as recorded.",
         note,
     )
