@@ -104,7 +104,7 @@ class Night(NamedTuple):
         return self.exit_status in GOOD
 
 
-class Value(NamedTuple):
+class QuantityLine(NamedTuple):
     """One quantity of one ADS in one logical scenario in one night.
 
     quantity: name of a score, of a number of cases, or `run_time`: wall time of the ADS's cases, s.
@@ -289,9 +289,9 @@ class History:
         """All nights but the imported ones, in the order of adding."""
         return [night for night in self.nights() if not night.imported]
 
-    def values(self) -> list[Value]:
+    def values(self) -> list[QuantityLine]:
         """Every quantity of every night, the oldest first."""
-        return self._read("quantities", Value)
+        return self._read("quantities", QuantityLine)
 
     def gates(self) -> list[GateLine]:
         """Every gate of every night, the oldest first."""

@@ -12,7 +12,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sumo_eval.nightly.history import GATE_FAILED, REGRET_OF_LOSSES, GateLine, History, Night, Value
+from sumo_eval.nightly.history import (
+    GATE_FAILED,
+    REGRET_OF_LOSSES,
+    GateLine,
+    History,
+    Night,
+    QuantityLine,
+)
 from sumo_eval.report.page import REPORT, Json, write_filled
 
 TREND = "trend.html"
@@ -138,7 +145,10 @@ def failed_nights(nights: Sequence[Night]) -> list[Json]:
 
 
 def charts(
-    scenario: str, nights: Sequence[Night], values: Sequence[Value], gates: Sequence[GateLine]
+    scenario: str,
+    nights: Sequence[Night],
+    values: Sequence[QuantityLine],
+    gates: Sequence[GateLine],
 ) -> list[TrendChart]:
     """The charts of one logical scenario; a quantity that was never computed has none.
 

@@ -15,7 +15,7 @@ from sumo_eval.cases import CaseResult
 from sumo_eval.scenario.logical import LogicalScenario
 from sumo_eval.score_notes import Bounds
 from sumo_eval.scoring.contact_cause import ContactCause
-from sumo_eval.scoring.preventability import Verdict, reference_ads
+from sumo_eval.scoring.preventability import CaseVerdict, reference_ads
 from sumo_eval.settings import EvaluationSettings, SamplingSettings
 
 
@@ -32,7 +32,7 @@ class VerdictStyle(NamedTuple):
     ink: str
 
 
-LOOKS: Mapping[Verdict, VerdictStyle] = {
+LOOKS: Mapping[CaseVerdict, VerdictStyle] = {
     "avoided": VerdictStyle("avoided", "", "#d3e6f3", "#1b1f24"),
     "better": VerdictStyle("avoided, the reference had an incident", "+", "#2b74a8", "#ffffff"),
     "preventable": VerdictStyle("preventable incident", "P", "#b23c00", "#ffffff"),

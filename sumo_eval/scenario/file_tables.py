@@ -32,9 +32,9 @@ from sumo_eval.scenario.formulas import (
     ExposureDensity,
     Formula,
     Formulas,
+    FormulaValue,
     LimitedFormula,
     Names,
-    Value,
 )
 from sumo_eval.scenario.joint import Joint, JointKind
 from sumo_eval.scenario.logical import (
@@ -151,7 +151,7 @@ class ConstraintTable(Checked):
     def read(self, names: Names, definitions: Definitions) -> Constraint:
         """The condition on points."""
         expression = checked_names(condition(self.require, names.where), names.known, names.where)
-        holds = Value(Formulas.of(definitions, expression))
+        holds = FormulaValue(Formulas.of(definitions, expression))
         return Constraint(self.about or f"one where {self.require}", holds, room=holds.room)
 
 

@@ -87,7 +87,7 @@ class Formulas:
 
 
 @frozen
-class Value:
+class FormulaValue:
     """A function that gives one number at every point, or whether a condition holds there.
 
     formulas: of one expression.

@@ -58,7 +58,7 @@ _OVER_TIME: dict[str, Callable[[FloatArray], Any]] = {
 }
 
 
-class Verdict(NamedTuple):
+class RequirementOutcome(NamedTuple):
     """Outcome of a requirement in a drive.
 
     undecided: moment at which a value of it is not a number (nan), as `inf - inf`, s; for a value
@@ -94,7 +94,9 @@ class Requirement:
         """The expressions whose names the requirement depends on."""
         return (self.outer, *(inner for _, _, inner in self.parts))
 
-    def check(self, series: Mapping[str, FloatArray], known: Mapping[str, float]) -> Verdict:
+    def check(
+        self, series: Mapping[str, FloatArray], known: Mapping[str, float]
+    ) -> RequirementOutcome:
         """Check it in a drive of n moments.
 
         series: by the names in `SERIES` and the placeholders of `asks`, (n,) each.
@@ -111,11 +113,11 @@ class Requirement:
             if function == "at_end":
                 unclear = unclear[unclear == time[-1]]
             if unclear.size:
-                return Verdict(False, float(unclear[0]))
+                return RequirementOutcome(False, float(unclear[0]))
         # `inf - inf` between values over time
         if any(math.isnan(side.at(numbers)) for side in self.outer.sides):
-            return Verdict(holds=False, undecided=float(time[-1]))
-        return Verdict(bool(self.outer.at(numbers)))
+            return RequirementOutcome(holds=False, undecided=float(time[-1]))
+        return RequirementOutcome(bool(self.outer.at(numbers)))
 
 
 @frozen

@@ -14,7 +14,7 @@ from typing import Any
 from sumo_eval.errors import InputError, check_known
 from sumo_eval.frozen import frozen
 from sumo_eval.scenario.expression import Definitions, Expression
-from sumo_eval.scenario.formulas import Formula, Formulas, Names, Value
+from sumo_eval.scenario.formulas import Formula, Formulas, FormulaValue, Names
 from sumo_eval.scenario.logical import Approach, Search, Values, ZoneCoordinates
 from sumo_eval.scenario.vehicle_tables import Placement
 from sumo_eval.settings.checked import Checked, PositiveOrNone, optional, setting
@@ -69,14 +69,14 @@ class ZoneTable(Checked):
             self._refuse(
                 " beside `margin`, which stands alone", names.where, "obstacle", "delay", "conflict"
             )
-            return keywords | {"margin": Value(Formulas.of(definitions, numbers["margin"]))}
+            return keywords | {"margin": FormulaValue(Formulas.of(definitions, numbers["margin"]))}
         if not self.obstacle:
             raise InputError(f"[zone] of {names.where} must have an `obstacle`, or a `margin`.")
         check_known(f"vehicle in `zone.obstacle` of {names.where}:", names.vehicles, self.obstacle)
         number = list(names.vehicles).index(self.obstacle)
         if searched:
             self._refuse(": the search takes the motion of both vehicles as it is", names.where)
-            delay = Value(Formulas.of(definitions, numbers["delay"]))
+            delay = FormulaValue(Formulas.of(definitions, numbers["delay"]))
             return keywords | {"search": Search(number, delay, self.conflict)}
         if self.gap is None and placement.vehicles[number].table.gap is None:
             raise InputError(

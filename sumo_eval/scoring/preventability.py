@@ -20,7 +20,9 @@ from sumo_eval.results import Evaluation, ScenarioResult
 from sumo_eval.settings import EvaluationSettings
 from sumo_eval.trajectory import BoolArray
 
-Verdict = Literal["avoided", "better", "preventable", "unpreventable", "undecided", "not evaluated"]
+CaseVerdict = Literal[
+    "avoided", "better", "preventable", "unpreventable", "undecided", "not evaluated"
+]
 
 
 @frozen
@@ -82,7 +84,7 @@ def verdicts(evaluation: Evaluation, score: ScenarioResult) -> NDArray[np.str_]:
         incidents[other_points] = np.where(other.counted, _incident(other), np.nan)
         beside = incidents[points]
     # numpy's texts have a fixed length: that of the longest verdict
-    verdict_of = np.full(len(cases), "avoided", f"U{max(map(len, get_args(Verdict)))}")
+    verdict_of = np.full(len(cases), "avoided", f"U{max(map(len, get_args(CaseVerdict)))}")
     rules = (
         ("better", beside == 1.0),
         ("preventable", _incident(cases)),

@@ -20,7 +20,7 @@ from sumo_eval.extras.panels import Marks, Panel
 from sumo_eval.extras.studies.boundary_page import edge_panels
 from sumo_eval.extras.studies.opinion import opinion_panels
 from sumo_eval.groups import grouped
-from sumo_eval.nightly.history import GATE_FAILED, Night, Value, open_history
+from sumo_eval.nightly.history import GATE_FAILED, Night, QuantityLine, open_history
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -76,7 +76,7 @@ def trend(history: Path, *, scenario: str | None, ads: str | None, width: str) -
 
 
 def _trend_line(
-    values: Sequence[Value], nights: Sequence[Night], ads: str, all_ads: Sequence[str]
+    values: Sequence[QuantityLine], nights: Sequence[Night], ads: str, all_ads: Sequence[str]
 ) -> Marks:
     """One score of an ADS over the numbers of the nights.
 

@@ -11,7 +11,7 @@ import math
 
 from sumo_eval.extras.openscenario.frame import SAME, Frame
 from sumo_eval.extras.openscenario.moments import NEVER, Moment, Past, Span, from_time, implied
-from sumo_eval.extras.openscenario.places import Entity, Places, Plan
+from sumo_eval.extras.openscenario.places import Entity, Places, PlannedMove
 from sumo_eval.extras.openscenario.reading import Node
 from sumo_eval.frozen import frozen
 from sumo_eval.scenario.played import (
@@ -147,7 +147,7 @@ def note_plan(
         f"`{entity.name}`, on which it depends, may move before by an event below it in the "
         "file, which is not supported"
     )
-    entity.plans.append(Plan(begin.time if begin.known else NEVER, kinds, fault, move))
+    entity.plans.append(PlannedMove(begin.time if begin.known else NEVER, kinds, fault, move))
 
 
 def match_vehicle(

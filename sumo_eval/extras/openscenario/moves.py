@@ -44,7 +44,14 @@ from sumo_eval.extras.openscenario.drive_numbers import (
 from sumo_eval.extras.openscenario.frame import ORIGIN, SAME, Frame
 from sumo_eval.extras.openscenario.moments import AT_ONCE, NEVER, Moment, Span
 from sumo_eval.extras.openscenario.network import ON, Lane, MapRoad, in_frame
-from sumo_eval.extras.openscenario.places import Entity, MapPath, Places, Plan, Spot, UnplacedError
+from sumo_eval.extras.openscenario.places import (
+    Entity,
+    MapPath,
+    Places,
+    PlannedMove,
+    Spot,
+    UnplacedError,
+)
 from sumo_eval.extras.openscenario.reading import Node
 from sumo_eval.scenario.played import (
     ALONG,
@@ -374,7 +381,9 @@ def _change_lane(traffic: FileTraffic, element: Node, entity: Entity, begin: Mom
         # becomes no act, and needs no steady speed.
         if abs(offset - entity.moved) > ON:
             until = begin.time + lasts if begin.known else math.inf
-            entity.plans.append(Plan(until, SPEEDS, dynamics.fault(_STEADY), entity.next_move))
+            entity.plans.append(
+                PlannedMove(until, SPEEDS, dynamics.fault(_STEADY), entity.next_move)
+            )
     return _across(traffic, element, entity, begin, offset, lasts, shape)
 
 

@@ -94,7 +94,7 @@ class UnplacedError(InputError):
         self.entity = entity
 
 
-class Plan(NamedTuple):
+class PlannedMove(NamedTuple):
     """A move that was planned as if an entity began no further act of some kinds before the move.
 
     until: time until which the entity must begin none, s.
@@ -165,7 +165,7 @@ class Entity:
     steady: float = 0.0
     moved: float = 0.0
     busy_until: float = 0.0
-    plans: list[Plan] = field(default_factory=list)
+    plans: list[PlannedMove] = field(default_factory=list)
 
     @property
     def next_move(self) -> Move:

@@ -84,7 +84,7 @@ class Draw(NamedTuple):
     drawn: int
 
 
-class Pool(NamedTuple):
+class Candidates(NamedTuple):
     """Possible points to choose from.
 
     points: (m, k).
@@ -194,7 +194,7 @@ class RareEvents:
         """Whether some drives collided and others did not."""
         return bool(self.collided.any() and not self.collided.all())
 
-    def _pool(self, stream: Generator) -> Pool:
+    def _pool(self, stream: Generator) -> Candidates:
         """Draw points to choose from: a third each by exposure, spread wider, and evenly."""
         exposure = self.exposure
         logical = exposure.logical
@@ -213,7 +213,7 @@ class RareEvents:
             + exposure.base_density(unstretched) / STRETCH ** len(middle)
             + 1.0 / np.prod(logical.high - logical.low)
         ) / 3.0
-        return Pool(points, density, drawn_with)
+        return Candidates(points, density, drawn_with)
 
     def _count(self, size: int, stream: Generator) -> Draw:
         """Draw `size` points that count; impossible ones have no drive."""
@@ -262,7 +262,7 @@ class RareEvents:
             mixtures = [_fitted(logical.to_unit(points), density / drawn_with, stream)]
         return [mixture for mixture in mixtures if mixture is not None]
 
-    def _polished(self, pool: Pool, least: float, stream: Generator) -> Mixture | None:
+    def _polished(self, pool: Candidates, least: float, stream: Generator) -> Mixture | None:
         """A mixture over exposed points that collide with a probability above `least`.
 
         The mixture is fitted to the pool, then to draws from itself, of which more lie there.

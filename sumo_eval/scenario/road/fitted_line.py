@@ -32,7 +32,7 @@ _SMOOTH = 0.05
 _DIGITS = 8  # decimals of a curvature in 1/m; rounded, it is the same on all machines
 
 
-class Fit(NamedTuple):
+class FittedLine(NamedTuple):
     """A line fitted to a polyline.
 
     begins: pose of its beginning on the map.
@@ -44,7 +44,7 @@ class Fit(NamedTuple):
     off: float
 
 
-def fitted_line(polyline: FloatArray) -> Fit:
+def fitted_line(polyline: FloatArray) -> FittedLine:
     """The line along a polyline (n, 2), m, in which no two neighbouring vertices are equal.
 
     The fit finds the curvatures at knots and the pose at the beginning. It takes the fewest knots
@@ -52,7 +52,7 @@ def fitted_line(polyline: FloatArray) -> Fit:
     nearest line. Where no fit succeeds there are no pieces, and the distance is inf.
     """
     places = _resampled(polyline)
-    best = Fit((), Pose(0.0, 0.0, 0.0), math.inf)
+    best = FittedLine((), Pose(0.0, 0.0, 0.0), math.inf)
     for apart in _KNOTS:
         try:
             best = min(best, _fitted(places, apart), key=lambda fit: fit.off)
@@ -110,7 +110,7 @@ class _Feet(NamedTuple):
     off: FloatArray
 
 
-class _Line(NamedTuple):
+class _GridLine(NamedTuple):
     """A line on a grid.
 
     heading: at the middles of steps, rad, (count,).
@@ -128,7 +128,7 @@ class _Line(NamedTuple):
         return np.column_stack([np.interp(s, self.grid.s, axis) for axis in self.ends.T])
 
 
-def _fitted(places: FloatArray, apart: float) -> Fit:
+def _fitted(places: FloatArray, apart: float) -> FittedLine:
     """The line with knots about `apart` m apart along places (n, 2), by Gauss-Newton rounds."""
     east, north = np.diff(places, axis=0).T
     s = np.concatenate([[0.0], np.cumsum(np.hypot(east, north))])
@@ -151,7 +151,9 @@ def _fitted(places: FloatArray, apart: float) -> Fit:
     return _line_of(grid.length, curvature.tolist(), Pose(*map(float, first)), places, s)
 
 
-def _improvement(line: _Line, feet: _Feet, across: FloatArray, curvature: FloatArray) -> FloatArray:
+def _improvement(
+    line: _GridLine, feet: _Feet, across: FloatArray, curvature: FloatArray
+) -> FloatArray:
     """Changes that bring the line nearest to the places, to first order: shift of the beginning
     along `across`, m, turn of its heading, rad, and change of each curvature, 1/m; (2 + k,).
 
@@ -173,7 +175,7 @@ def _improvement(line: _Line, feet: _Feet, across: FloatArray, curvature: FloatA
 
 def _line_of(
     length: float, at_knots: list[float], begins: Pose, places: FloatArray, near: FloatArray
-) -> Fit:
+) -> FittedLine:
     """The line of known curvatures, and its distance from places (n, 2).
 
     at_knots: curvatures at the evenly spaced knots, 1/m: the pieces lie between them.
@@ -184,7 +186,7 @@ def _line_of(
     x, y, heading = map_places(pieces, near, 0.0)
     off_x, off_y = onto_the_line(places, begins).T - (x, y)
     across = off_y * np.cos(heading) - off_x * np.sin(heading)
-    return Fit(pieces, begins, float(np.abs(across).max()))
+    return FittedLine(pieces, begins, float(np.abs(across).max()))
 
 
 def _grid(length: float, apart: float) -> _Grid:
@@ -219,15 +221,15 @@ def _curvatures(grid: _Grid, along: FloatArray, headings: FloatArray) -> FloatAr
     return (after - before) * count / grid.length
 
 
-def _integrated(grid: _Grid, first: FloatArray, curvature: FloatArray) -> _Line:
+def _integrated(grid: _Grid, first: FloatArray, curvature: FloatArray) -> _GridLine:
     """The line that begins at `first`, (x, y, heading), with these curvatures at the knots."""
     heading = first[2] + grid.turned @ curvature
     steps = np.column_stack([np.cos(heading), np.sin(heading)]) * grid.step
     ends = first[:2] + np.concatenate([np.zeros((1, 2)), np.cumsum(steps, axis=0)])
-    return _Line(grid, heading, steps, ends)
+    return _GridLine(grid, heading, steps, ends)
 
 
-def _feet(line: _Line, places: FloatArray, near: FloatArray) -> _Feet:
+def _feet(line: _GridLine, places: FloatArray, near: FloatArray) -> _Feet:
     """Feet of places on a line, one step nearer than approximate feet.
 
     near: s of the approximate feet, m, (n,); `to_left` of the result is taken there.
@@ -240,7 +242,9 @@ def _feet(line: _Line, places: FloatArray, near: FloatArray) -> _Feet:
     return _Feet(s, np.column_stack([-sin, cos]), places - line.at(s))
 
 
-def _derivatives(line: _Line, s: FloatArray, to_left: FloatArray) -> tuple[FloatArray, FloatArray]:
+def _derivatives(
+    line: _GridLine, s: FloatArray, to_left: FloatArray
+) -> tuple[FloatArray, FloatArray]:
     """How far the line's points at s, (n,), move to the left: derivatives by the first heading,
     (n, 1), and by the curvatures at the knots, (n, k).
 
