@@ -61,14 +61,18 @@ def _of_all_collisions(
     """Answers for every collision of a run, or why there are none."""
     from sumo_eval.record.run_folder import check_complete
     from sumo_eval.record.store import open_store
+    from sumo_eval.whatif.search import CaseLevers
 
     with open_store(run) as store:
         check_complete(store, run)
         facts = [fact for fact in store.facts("ads") if fact.collision is not None]
     levers = []
     for number, fact in enumerate(facts, 1):
-        # `fine=False`: the values of the first round are enough for a count
-        levers.append(search.answers_or_why_not(fact, lever, fine=False))
+        try:
+            # `fine=False`: the values of the first round are enough for a count
+            levers.append(search.answers(fact, lever, fine=False))
+        except InputError as error:
+            levers.append(CaseLevers(fact, why_not=str(error)))
         progress("collisions", number, len(facts))
     return levers
 

@@ -7,7 +7,7 @@ Users: `extras/rates/departures.py`, `record/facts.py`, `record/fingerprint.py`,
 import importlib.util
 import re
 import tomllib
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
@@ -16,6 +16,7 @@ from sumo_eval.errors import InputError
 from sumo_eval.input_file import hash_of, sha256
 from sumo_eval.scenario.catalogue import options_of
 from sumo_eval.scenario.formats import format_of
+from sumo_eval.scenario.resolved import Resolved
 
 # A text from each quote to the next one of its kind, which may name a file, and endings of files in
 # which such texts are looked for. Texts may overlap: an apostrophe is no quote, but looks like one.
@@ -56,17 +57,19 @@ def is_edited(recorded: Mapping[str, Any], use: str, source: Path) -> bool:
     return any(recorded.get(name, "") not in ("", now) for name, now in hashes.items())
 
 
-def refuse_edited(scenario: str, recorded: Mapping[str, Any], use: str, source: Path) -> None:
-    """Raise InputError if the files of a run's scenario have changed since it was driven.
+def refuse_edited(run: Resolved, exposures: Mapping[str, Any], scenarios: Collection[str]) -> None:
+    """Raise InputError if the files of a run's scenarios have changed since they were driven.
 
-    scenario: its name.
-    recorded, use, source: as in `is_edited`.
+    exposures: of the run, beside which it keeps the hashes of then.
+    scenarios: names of those that matter.
     """
-    if is_edited(recorded, use, source):
-        raise InputError(
-            f"The file of scenario `{scenario}` must be that of the run, and has changed since: "
-            "undo its changes, or run the evaluation again."
-        )
+    for entry, logical in run.entries:
+        name = logical.name
+        if name in scenarios and is_edited(exposures.get(name, {}), entry.use, run.source):
+            raise InputError(
+                f"The file of scenario `{name}` must be that of the run, and has changed since: "
+                "undo its changes, or run the evaluation again."
+            )
 
 
 def _content(file: Path) -> object:

@@ -148,7 +148,7 @@ def moved(
     revealed: whether the ADS receives the parameters. If not, the values in the result stay as
         recorded, because the random numbers of the case depend on them.
     """
-    if lever.name in logical.names:
+    if lever.name in logical.names and value != lever.recorded:
         try:
             point = logical.concrete(**{**values, lever.name: value})
         except InputError:

@@ -8,7 +8,7 @@ side of the recorded value. Then both ends of these changes are rerun: an ADS mu
 outcome. A change and its return between two values of the first round are not found.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
@@ -17,6 +17,7 @@ from typing import NamedTuple
 from sumo_eval.cases import EVALUATED
 from sumo_eval.errors import InputError, check_known, unknown
 from sumo_eval.frozen import frozen
+from sumo_eval.groups import grouped
 from sumo_eval.record.case_rows import Fact
 from sumo_eval.record.cases import Case, Outcome, Setup
 from sumo_eval.record.engines import run_cases
@@ -32,6 +33,8 @@ _WITHOUT_EFFECT = {
 }
 """Lever that does not act on some ADSs -> name of the clip by which a recording shows this."""
 
+Trial = tuple[Lever, float]
+"""A lever, and the value at which the case is driven."""
 Line = dict[float, bool]
 """Whether the ADS collides, by value of a lever."""
 
@@ -95,7 +98,6 @@ class WhatIf:
         )
         self._locators = {ads.name: ads.locator for ads in settings.ads}
         self._drives = 0
-        self._error = ""  # message of the plain rerun (trial 0), if it failed
 
     def answers(self, fact: Fact, name: str | None = None, *, fine: bool = True) -> CaseLevers:
         """Effects of all levers, or of the one called `name`.
@@ -111,21 +113,21 @@ class WhatIf:
                 f"Case `{fact.case}` must have an outcome to change, got {fact.status}: "
                 f"{fact.error or 'no reason is recorded'}"
             )
+        # the recorded case itself: any lever at its recorded value
+        plain = levers[0], levers[0].recorded
         trials = [
             (lever, value)
             for lever in levers
             for value in first_values(self._run.scenarios[fact.scenario], fact.values, lever)
         ]
-        # first the recorded case itself: any lever at its recorded value
-        rerun, *outcomes = self._outcomes(
-            fact, "levers", [(levers[0], levers[0].recorded), *trials]
-        )
-        _check_repeats(fact, rerun, self._error)
+        outcomes = self._outcomes(fact, "levers", [plain, *trials])
+        _check_repeats(fact, outcomes[plain])
         lines: dict[Lever, Line] = {it: {it.recorded: fact.collision is not None} for it in levers}
-        _fill(lines, trials, outcomes)
+        _fill(lines, outcomes)
         if fine:
             self._locate(fact, lines)
-        clips = {clip.what for it in outcomes if it and it.recording for clip in it.recording.clips}
+        recordings = (it.recording for it in outcomes.values() if it.recording)
+        clips = {clip.what for recording in recordings for clip in recording.clips}
         answers = [
             Answer(
                 lever, _flips(lever, line), len(line), _WITHOUT_EFFECT.get(lever.name) not in clips
@@ -140,26 +142,13 @@ class WhatIf:
         # a run whose evaluation was edited may lack the scenario or the ADS
         check_known("scenario of the run", self._run.scenarios, fact.scenario)
         check_known("ADS of the run", self._locators, fact.driver)
-        for entry, logical in self._run.entries:
-            if logical.name == fact.scenario:
-                # the run keeps the hashes of the scenario's files beside its exposure
-                hashes = self._exposures.get(logical.name, {})
-                refuse_edited(logical.name, hashes, entry.use, self._run.source)
+        refuse_edited(self._run, self._exposures, [fact.scenario])
         logical = self._run.scenarios[fact.scenario]
         levers = levers_of(logical, fact.values, self._run.settings.simulation)
         named = [it for it in levers if name in (None, it.name, it.name.split(".")[-1])]
         if name is not None and not named:
             raise unknown(f"lever of `{fact.scenario}`", name, [it.name for it in levers])
         return named
-
-    def answers_or_why_not(
-        self, fact: Fact, name: str | None = None, *, fine: bool = True
-    ) -> CaseLevers:
-        """Effects of all levers, or the error message of a case without any."""
-        try:
-            return self.answers(fact, name, fine=fine)
-        except InputError as error:
-            return CaseLevers(fact, why_not=str(error))
 
     def _locate(self, fact: Fact, lines: dict[Lever, Line]) -> None:
         """Drive every step between the ends of the nearest changes, then rerun both ends.
@@ -172,87 +161,81 @@ class WhatIf:
             for value in lever.steps()
             if min(flip.before, flip.after) < value < max(flip.before, flip.after)
         ]
-        _fill(lines, inside, self._outcomes(fact, "levers, step by step", inside))
+        _fill(lines, self._outcomes(fact, "levers, step by step", inside))
         ends = [
             (lever, value) for lever, flip in _nearest(lines) for value in (flip.before, flip.after)
         ]
-        rerun = zip(ends, self._outcomes(fact, "levers, changes rerun", ends), strict=True)
-        for (lever, value), outcome in rerun:
-            if outcome is None or (outcome.status == "collision") != lines[lever][value]:
+        rerun = self._outcomes(fact, "levers, changes rerun", ends)
+        for (lever, value), outcome in rerun.items():
+            if _collides(outcome) is not lines[lever][value]:
                 raise InputError(
                     f"Case `{fact.case}` with {lever.name} = {value:g} does not repeat: its ADS "
                     "must do the same in every drive."
                 )
 
-    def _outcomes(
-        self, fact: Fact, stage: str, trials: Sequence[tuple[Lever, float]]
-    ) -> list[Outcome | None]:
-        """Drive the case once for each (lever, value).
+    def _outcomes(self, fact: Fact, stage: str, trials: Iterable[Trial]) -> dict[Trial, Outcome]:
+        """Drive the case once for each trial at which the scenario has a point.
 
         stage: name of this round, for the progress.
-
-        None: the scenario has no such point, or the drive could not be evaluated.
         """
         logical = self._run.scenarios[fact.scenario]
         locator = self._locators[fact.driver]
         revealed = self._setup.simulation.conditions.reveal_scenario
-        # a case gets the number of its trial as that of its point, and by it the outcome's place
+        different = list(dict.fromkeys(trials))
+        # a case gets the number of its trial as that of its point
         cases = [
             Case(number, concrete, "ads", fact.driver, locator, seed=self._run.settings.seed)
-            for number, (lever, value) in enumerate(trials)
+            for number, (lever, value) in enumerate(different)
             if (concrete := moved(logical, fact.values, lever, value, revealed=revealed))
         ]
         self._drives += len(cases)
-        evaluated: list[Outcome | None] = [None] * len(trials)
-        for number, outcome in enumerate(run_cases(cases, self._setup), start=1):
-            if outcome.status in EVALUATED:
-                evaluated[outcome.case.point] = outcome
-            elif outcome.case.point == 0:  # the plain rerun
-                self._error = outcome.error or outcome.status
-            self._progress(stage, number, len(cases))
-        return evaluated
+        outcomes = {}
+        for outcome in run_cases(cases, self._setup):
+            outcomes[different[outcome.case.point]] = outcome
+            self._progress(stage, len(outcomes), len(cases))
+        return outcomes
 
 
-def _fill(
-    lines: dict[Lever, Line],
-    trials: Sequence[tuple[Lever, float]],
-    outcomes: Sequence[Outcome | None],
-) -> None:
+def _collides(outcome: Outcome) -> bool | None:
+    """Whether the ADS collides in a drive; None: the drive could not be evaluated."""
+    return outcome.status == "collision" if outcome.status in EVALUATED else None
+
+
+def _fill(lines: dict[Lever, Line], outcomes: Mapping[Trial, Outcome]) -> None:
     """Add the outcomes of drives to the lines, except at recorded values: these are known."""
-    for (lever, value), outcome in zip(trials, outcomes, strict=True):
-        if outcome is not None and value != lever.recorded:
-            lines[lever][value] = outcome.status == "collision"
+    for (lever, value), outcome in outcomes.items():
+        collides = _collides(outcome)
+        if collides is not None and value != lever.recorded:
+            lines[lever][value] = collides
 
 
-def _check_repeats(fact: Fact, outcome: Outcome | None, error: str) -> None:
-    """Refuse a case whose rerun has another contact than the recorded drive.
-
-    outcome: of the rerun; None: it was not evaluated, because of `error`.
-    """
-    rerun = None if outcome is None else outcome.recording
-    if rerun is None or rerun.collision != fact.collision:
-        before, after = (
-            "no contact" if hit is None else f"a contact at {hit.time:.3f} s"
-            for hit in (fact.collision, None if rerun is None else rerun.collision)
-        )
-        now = after if rerun else f"not evaluated ({error})"
-        raise InputError(
-            f"Case `{fact.case}` does not repeat: recorded {before}, now {now}. Its ADS must be "
-            "the recorded one and do the same in every drive: undo its changes, or run the "
-            "evaluation again."
-        )
+def _check_repeats(fact: Fact, outcome: Outcome) -> None:
+    """Refuse a case whose rerun has another contact than the recorded drive, or no outcome."""
+    hit = outcome.recording.collision if outcome.recording else None
+    evaluated = outcome.status in EVALUATED
+    if evaluated and hit == fact.collision:
+        return
+    before, now = (
+        "no contact" if it is None else f"a contact at {it.time:.3f} s"
+        for it in (fact.collision, hit)
+    )
+    if not evaluated:
+        now = f"not evaluated ({outcome.error or outcome.status})"
+    raise InputError(
+        f"Case `{fact.case}` does not repeat: recorded {before}, now {now}. Its ADS must be the "
+        "recorded one and do the same in every drive: undo its changes, or run the evaluation "
+        "again."
+    )
 
 
 def _flips(lever: Lever, line: Line) -> tuple[Flip, ...]:
     """Changes of outcome along a lever, away from its recorded value, the nearest first."""
-    flips = []
-    for direction in (1, -1):
-        # from the recorded value upwards, then downwards
-        away = sorted(
-            (value for value in line if direction * (value - lever.recorded) >= 0.0),
-            key=lambda value: direction * value,
-        )
-        flips += [Flip(near, far) for near, far in pairwise(away) if line[near] != line[far]]
+    # the recorded value is among the values: no two neighbours lie on both sides of it
+    flips = [
+        Flip(low, high) if low >= lever.recorded else Flip(high, low)
+        for high, low in pairwise(sorted(line, reverse=True))
+        if line[low] != line[high]
+    ]
     return tuple(sorted(flips, key=lambda flip: lever.share(flip.after)))
 
 
@@ -260,8 +243,6 @@ def _nearest(lines: dict[Lever, Line]) -> list[tuple[Lever, Flip]]:
     """The nearest change of each lever above its recorded value and below it, if there is any."""
     nearest = []
     for lever, line in lines.items():
-        flips = _flips(lever, line)
-        above = [flip for flip in flips if flip.after > lever.recorded]
-        below = [flip for flip in flips if flip.after < lever.recorded]
-        nearest += [(lever, flip) for flip in (*above[:1], *below[:1])]
+        sides = grouped((flip.after > lever.recorded, flip) for flip in _flips(lever, line))
+        nearest += [(lever, flips[0]) for flips in sides.values()]
     return nearest

@@ -100,11 +100,7 @@ def departures_in(run: Path) -> tuple[list[SceneDrive], int]:
             )  # fmt: skip
     # The distances above are from today's files. These must be those that were driven, by the
     # hashes that the run keeps beside its exposures.
-    exposures = read_exposures(run)
-    scenes = {it.scenario for it in drives}
-    for entry, logical in resolved.entries:
-        if logical.name in scenes:
-            refuse_edited(logical.name, exposures.get(logical.name, {}), entry.use, resolved.source)
+    refuse_edited(resolved, read_exposures(run), {it.scenario for it in drives})
     if not drives:
         raise InputError(
             f"{run} must hold trajectories in a recorded scene ([ego] `recorded` of its file), got "
