@@ -197,13 +197,10 @@ def _result(
     """
     quantity, zone = tally.measure.quantity, tally.measure.zone
     words, unit = WORDS.get(quantity, (quantity, ""))
-    # scenarios of the worse cases; of a measure that passed, those of the ADS
-    where = (
-        [worse.part.scenario for worse in tally.worse if worse.which]
-        if bad
-        else [part.scenario for part in comparison.ads if part.ads == tally.ads]
-    )
-    result = partial(GateResult, quantity, tally.ads, where[0] if len(where) == 1 else EVERYWHERE)
+    # scenarios of the ADS, not of its worse cases: then a limit that fails keeps its name, and the
+    # night since which it fails, when worse cases in another scenario are added
+    (scenario, *more) = [part.scenario for part in comparison.ads if part.ads == tally.ads]
+    result = partial(GateResult, quantity, tally.ads, EVERYWHERE if more else scenario)
     # Words on the cases that could show a change: `of` for the sentence; `alike`, without the limit
     # of the zone, for `reason`, so that measures with equal reasons share a line.
     of = alike = count(tally.cases, "case")
@@ -218,6 +215,9 @@ def _result(
         sentence += f", and {tally.lone} with a value in one run alone, not compared"
     if not bad:
         return result(True, sentence, float(tally.number))
+    if more:
+        where = [worse.part.scenario for worse in tally.worse if worse.which]
+        sentence += f", worse in {', '.join(where)}"
     sentence += f" (P = {tally.chance:z.2g})"
     if tally.near and tally.least_kept <= settings.near_miss.kept_margin:
         sentence += f"; one kept {tally.least_kept:z.0%} of its margin"

@@ -465,6 +465,28 @@ def test_a_failure_says_since_when_without_a_break(evaluation, tmp_path):
     assert since.words == f"since {LATER}, 2 nights"
 
 
+def test_a_failure_that_spreads_keeps_its_name_and_since(evaluation, tmp_path):
+    """A near miss in one scenario, in the next night in two."""
+    cases = [
+        next(case for case in evaluation.cases if (case.ads, case.scenario) == key and case.min_gap)
+        for key in ((CALM, scenario) for scenario in evaluation.scenario_names)
+    ]
+    nights = [evaluation]
+    for case in cases:
+        nights.append(with_case(nights[-1], case, status="ok", min_gap=0.1))
+    one, two = (
+        next(gate for gate in failed(gates) if gate.quantity == "min_gap")
+        for gates in (
+            judge(new, compare(evaluation, new, SETTINGS), SETTINGS) for new in nights[1:]
+        )
+    )
+    add(tmp_path, TODAY, evaluation, one)
+    with open_history(tmp_path) as lines:
+        since = failing_since(lines, [two], LATER)
+    assert since[two.name].nights == 2
+    assert f", worse in {cases[0].scenario}, {cases[1].scenario}" in two.sentence
+
+
 def test_each_limit_of_a_quantity_has_its_own_since(evaluation, tmp_path):
     """Three limit the smallest gap; in the night before, only the first of the file failed."""
     first, second = (FAILED._replace(bound=f"below {gap} m", own=True) for gap in ("0.5", "1"))
