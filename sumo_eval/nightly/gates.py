@@ -16,7 +16,7 @@ from sumo_eval.report.score_words import not_computed
 from sumo_eval.report.words import confidence_words, count, number
 from sumo_eval.results import Evaluation, ScenarioResult
 from sumo_eval.scoring.case_terms import SCORES
-from sumo_eval.scoring.comparison import AdsComparison, Comparison, QuantityChange
+from sumo_eval.scoring.comparison import AdsComparison, Comparison, QuantityChange, column_values
 from sumo_eval.scoring.gate_settings import (
     HIGHER_COLUMNS,
     HIGHER_IS_BETTER,
@@ -244,7 +244,7 @@ def _judge_cases(
     if limit.quantity in OF_U:
         unit = new.settings.method.collision.unit
     name = "index" if limit.quantity == "d_i" else limit.quantity
-    after, before = getattr(cases, name).astype(np.float64), np.full(len(cases), np.nan)
+    after, before = column_values(cases, name), np.full(len(cases), np.nan)
     if part is not None:
         before[part.changed.paired.new_rows], _ = part.comparable(name)
     for beyond, scale, words in _column_bounds(limit, before, after, unit):
@@ -259,6 +259,9 @@ def _judge_cases(
             bad = np.flatnonzero(beyond > limit.tolerance * np.maximum(1.0, np.abs(scale)))
             worst = bad[np.argsort(-beyond[bad], kind="stable")]
             where = f"{words} in {len(bad)} of {count(known, 'case')}"
+            lone = 0 if own else int(np.sum(np.isnan(before) != np.isnan(after)))
+            if lone:
+                where += f", and {lone} with a value in one run alone, not compared"
             yield result(
                 not len(bad), f"{limit.quantity} is {where}", float(len(bad)), None,
                 tuple(cases.case[worst[:MOST_KEYS]].tolist()),

@@ -33,6 +33,7 @@ from sumo_eval.scoring.comparability import Difference, differences, refuse_unle
 from sumo_eval.scoring.confidence.paired_differences import COMPARED, paired_differences
 from sumo_eval.scoring.gate_settings import (
     HARSHER_BY,
+    OF_HARM,
     OF_U,
     TIMED,
     Change,
@@ -181,6 +182,14 @@ class QuantityChange(NamedTuple):
         return self.difference == self.low == self.high == 0.0
 
 
+def column_values(cases: CaseTable, column: str) -> FloatArray:
+    """A column as numbers, nan where a case has no value. Harm that did not occur is 0."""
+    values: FloatArray = getattr(cases, column).astype(np.float64)
+    if column in OF_HARM:
+        values[np.isnan(values) & cases.evaluated] = 0.0
+    return values
+
+
 class AdsComparison(NamedTuple):
     """Comparison of one ADS of the new run in one logical scenario with its partner in the base.
 
@@ -218,7 +227,7 @@ class AdsComparison(NamedTuple):
         sides = self.changed.paired.base, self.changed.paired.new
         # added to all values: 0, or nan, which makes them nan
         unknown = 0.0 if self.one_unit or column not in OF_U else np.nan
-        before, after = (getattr(cases, column).astype(np.float64) + unknown for cases in sides)
+        before, after = (column_values(cases, column) + unknown for cases in sides)
         return before, after
 
 

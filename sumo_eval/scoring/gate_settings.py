@@ -73,6 +73,11 @@ OF_U = frozenset((
 ))  # fmt: skip
 """Columns in the unit of U. They are compared only if both runs have U in one unit."""
 
+OF_HARM = frozenset((
+    "severity", "loss", "impact_speed", "departure_severity", "departure_speed",
+))  # fmt: skip
+"""Columns of the harm of a contact or a departure: 0 in an evaluated case that has none."""
+
 ENDS = {
     "collided": "collided", "departed": "left the road", "gave_up": "gave up",
     "not_evaluated": "not evaluated", "missed": "missed a requirement",

@@ -148,6 +148,24 @@ def test_a_column_gets_worse_in_its_own_direction(evaluation, column, worse):
     assert [bool(failed(judged(base, new, limit))) for new in moved] == [True, False]
 
 
+@pytest.mark.parametrize("by", [{"worse_by": 4.9}, {"worse_by_percent": 1.0}])
+def test_a_new_contact_is_a_rise_of_its_severity_from_0(evaluation, by):
+    case = pick(evaluation, collided=False)
+    hit = with_case(evaluation, case, status="collision", collided=True, severity=5.0)
+    limit = LimitSettings("severity", ads=CALM, scenario=case.scenario, **by)
+    (passed,), (fails,) = (judged(evaluation, new, limit) for new in (evaluation, hit))
+    assert (passed.passed, fails.passed) == (True, False)
+    assert [change.words for change in fails.worst] == ["0 m/s -> 5 m/s"]
+
+
+def test_a_limit_on_a_change_counts_cases_with_one_value(evaluation):
+    case = pick(evaluation, collided=False)
+    base = every(evaluation, min_gap=5.0)
+    limit = LimitSettings("min_gap", ads=CALM, scenario=case.scenario, worse_by=1.0)
+    (result,) = judged(base, with_case(base, case, min_gap=None), limit)
+    assert result.sentence.endswith(" cases, and 1 with a value in one run alone, not compared")
+
+
 def test_an_uncertain_change_is_excused_only_by_its_limit(evaluation):
     case = pick(evaluation, collided=False, zone="safe")
     other = with_case(evaluation, case, index=0.0)
