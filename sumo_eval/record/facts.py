@@ -372,7 +372,8 @@ def merge(shards: Sequence[Path], out: Path) -> Recorded:
     """Put all shards of an evaluation together into a new run folder."""
     settings = run_folder.read_settings(shards[0])
     manifest = run_folder.read_manifest(shards[0])
-    numbers = [_shard_of(folder, shards[0], settings, manifest) for folder in shards]
+    exposures = run_folder.read_exposures(shards[0])
+    numbers = [_shard_of(folder, shards[0], settings, manifest, exposures) for folder in shards]
     _, count = numbers[0]
     folders: dict[int, Path] = {}  # by number of the shard
     for folder, (number, its_count) in zip(shards, numbers, strict=True):
@@ -398,7 +399,7 @@ def merge(shards: Sequence[Path], out: Path) -> Recorded:
         for shard in sorted(folders):
             store.take_over(folders[shard])
         # of the scenarios as they were driven: their files may have changed since
-        run_folder.write_exposures(out, run_folder.read_exposures(shards[0]))
+        run_folder.write_exposures(out, exposures)
         store.seal()
         # of each ADS one file of which the shards have read different versions
         changed = {ads: file for ads, file, digest in store.files_read() if digest == UNKNOWN}
@@ -411,10 +412,16 @@ def merge(shards: Sequence[Path], out: Path) -> Recorded:
 
 
 def _shard_of(
-    folder: Path, first: Path, settings: EvaluationSettings, manifest: Mapping[str, Any]
+    folder: Path,
+    first: Path,
+    settings: EvaluationSettings,
+    manifest: Mapping[str, Any],
+    exposures: Mapping[str, Any],
 ) -> tuple[int, int]:
     """Number and count of a complete shard, refused unless it is of the same evaluation, files and
     versions as the first.
+
+    settings, manifest, exposures: of the first.
     """
     other = run_folder.read_settings(folder)
     own = run_folder.read_manifest(folder)
@@ -428,15 +435,19 @@ def _shard_of(
     for name in ("sumo_eval", "libsumo"):
         if versions[name] != first_versions[name]:
             raise InputError(f"{folder} was made with another version of {name} than {first}.")
-    if own.get("files") != manifest.get("files") or (  # runs of earlier versions have none
-        run_folder.read_exposures(folder) != run_folder.read_exposures(first)
-    ):
+    # runs of earlier versions have no "files"
+    if own.get("files") != manifest.get("files") or run_folder.read_exposures(folder) != exposures:
         raise InputError(
             f"{folder} was made with other files of scenarios or recordings than {first}: they "
             "were changed in between. Record one of the two again."
         )
     with open_store(folder) as store:
         run_folder.refuse_incomplete(store, folder)
+        if store.discarded_size:
+            raise InputError(
+                f"To be merged, {folder} must have all trajectories; some were discarded after it "
+                "was scored (`[run] keep`). It is a whole run, which can be used as it is."
+            )
         return parse_shard(store.noted(run_folder.SHARD))
 
 

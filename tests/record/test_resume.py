@@ -26,6 +26,7 @@ from sumo_eval.errors import InputError, StoppedError
 from sumo_eval.record import run_folder
 from sumo_eval.record.facts import merge, parse_shard, record_facts, resolve, verify
 from sumo_eval.record.run_folder import SHARD, only_writer, refuse_incomplete
+from sumo_eval.record.sealed import sealed
 from sumo_eval.record.store import open_store
 from sumo_eval.scenario.resolved import Resolved
 from sumo_eval.scenario.shipped_files import scenario_files
@@ -368,6 +369,33 @@ def test_files_that_changed_between_shards_are_named(tmp_path):
     assert run_folder.read_exposures(tmp_path / "all") == recorded
     with refusal("other files of scenarios or recordings"):
         merge((first, shard(2, 0)), tmp_path / "other")
+
+
+def test_shards_of_an_earlier_version_are_merged(tmp_path):
+    """Their manifests have no hashes of files: exposures alone show a changed scenario."""
+    shards = [tmp_path / "first", tmp_path / "second"]
+    for number, folder in enumerate(shards, 1):
+        run = resolve(small({"idm": "idm"}, drivers=2, levels=2), folder, resume=False)
+        record_facts(replace(run, shard=(number, 2)), folder)
+        manifest = dict(run_folder.read_manifest(folder))
+        del manifest["files"], manifest["builds"]
+        (folder / run_folder.MANIFEST).write_text(sealed(manifest))
+    merge(shards, tmp_path / "merged")
+    assert run_folder.read_manifest(tmp_path / "merged")["files"] == {}
+    run_folder.write_exposures(shards[1], {"front_vehicle_low_speed": {}})
+    with refusal("other files of scenarios or recordings"):
+        merge(shards, tmp_path / "other")
+
+
+def test_a_run_without_trajectories_is_not_merged(tmp_path):
+    folder, merged = tmp_path / "whole", tmp_path / "merged"
+    sumo_eval.evaluate(
+        small({"idm": "idm"}, drivers=2, levels=2, run=RunSettings(engine="serial", keep="none")),
+        folder,
+    )
+    with refusal("must have all trajectories; some were discarded"):
+        merge([folder], merged)
+    assert not merged.exists()
 
 
 def test_a_merged_run_names_files_and_builds_of_its_shards(tmp_path, monkeypatch):
