@@ -80,6 +80,9 @@ def read_input_text(path: Path, what: str, largest: int = LARGEST) -> str:
         raise _unreadable(path, what, error) from error
 
 
+NO_WORKING_FOLDER = "The working folder must exist, but it was deleted: change to another folder."
+
+
 def working_folder() -> Path:
     """The working folder, in which child processes start and relative paths begin.
 
@@ -88,9 +91,7 @@ def working_folder() -> Path:
     try:
         return Path.cwd()
     except FileNotFoundError:
-        raise InputError(
-            "The working folder must exist, but it was deleted: change to another folder."
-        ) from None
+        raise InputError(NO_WORKING_FOLDER) from None
 
 
 @contextmanager

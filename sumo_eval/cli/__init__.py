@@ -23,6 +23,7 @@ from sumo_eval.cli.exit_status import INPUT_WRONG, INTERRUPTED, NOT_READ
 from sumo_eval.cli.sentences import WHOLE, tell
 from sumo_eval.errors import InputError, StoppedError, SumoEvalError, did_you_mean, users_code
 from sumo_eval.gone import refuse_command
+from sumo_eval.input_file import NO_WORKING_FOLDER
 from sumo_eval.text import clean, clean_log
 
 _CORE = {
@@ -196,9 +197,9 @@ def _errors_reported() -> Iterator[None]:
         _stdout_to_nowhere()
         if error.errno == errno.EPIPE:
             sys.exit(NOT_READ)
-        # an error without a file name is that of `os.getcwd`
-        name = error.filename or ("the working folder" if error.errno == errno.ENOENT else "")
-        place = f" ({clean(str(name), 200)})" if name else ""
+        if error.errno == errno.ENOENT and not error.filename:  # of `os.getcwd`
+            _refuse(NO_WORKING_FOLDER)
+        place = f" ({clean(str(error.filename), 200)})" if error.filename else ""
         _refuse(f"{error.strerror or error}{place}. What was finished before is kept.")
 
 

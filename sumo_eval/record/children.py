@@ -31,6 +31,7 @@ from types import ModuleType
 from typing import Any, cast
 
 from sumo_eval.errors import InputError, said
+from sumo_eval.input_file import working_folder
 from sumo_eval.kernels import PLAIN
 from sumo_eval.settings.locators import FOLDERS
 
@@ -104,6 +105,7 @@ def started(target: Callable[..., object], arguments: tuple[object, ...]) -> Any
     try:
         process.start()
     except (OSError, EOFError) as error:
+        working_folder()  # raises InputError if it was deleted: no process starts there
         raise InputError(f"No child process can be started: {said(error)}.") from error
     return process
 

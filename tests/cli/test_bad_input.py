@@ -85,7 +85,7 @@ def test_a_removed_working_folder_is_named(tmp_path):
         f"mkdir gone && cd gone && rmdir ../gone && {check}",
         shell=True, cwd=tmp_path, capture_output=True, text=True, check=False,
     )  # fmt: skip
-    assert "No such file or directory (the working folder)" in done.stderr
+    assert "The working folder must exist, but it was deleted: change to another" in done.stderr
 
 
 @pytest.mark.campaign
