@@ -109,19 +109,28 @@ def writing(what: str, folder: Path | None = None) -> Iterator[None]:
         raise InputError(f"{what} cannot be written: {error}.") from error
 
 
-def write_whole(path: Path, text: str) -> None:
-    """Write the whole file, or leave it as it was."""
+@contextmanager
+def whole(path: Path) -> Iterator[Path]:
+    """A block that writes a file under the path that it receives. The file then takes the place of
+    the one at `path`, which an error, or a kill, leaves as it was.
+    """
     if path.exists() and not path.is_file():  # a pipe: /dev/stdout resolves to no file
-        path.write_text(text, "utf-8")
+        yield path
         return
     path = path.resolve()  # a link stays a link
     # named by process, as another one may write the same file
     half = path.with_name(f"{path.name}.{os.getpid()}.half")
     try:
-        half.write_text(text, "utf-8")
+        yield half
         half.replace(path)
     finally:
         half.unlink(missing_ok=True)
+
+
+def write_whole(path: Path, text: str) -> None:
+    """Write the whole file, or leave it as it was."""
+    with whole(path) as half:
+        half.write_text(text, "utf-8")
 
 
 @contextmanager

@@ -21,6 +21,7 @@ from sumo_eval.extras.rates.campaign import read_campaign
 from sumo_eval.extras.wheel.tape import read_tape
 from sumo_eval.input_file import changed_at, hash_of, read_input, write_whole
 from sumo_eval.record.qualification import read_qualification
+from sumo_eval.report.page import write_csv
 from sumo_eval.scenario.catalogue import find
 from sumo_eval.scenario.number_table import read_numbers
 from sumo_eval.scenario.sampling.listed_points import from_csv
@@ -199,6 +200,15 @@ def test_a_full_disk_leaves_a_file_as_it_was(tmp_path):
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, limits)
     assert path.read_text() == "of yesterday"
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_an_error_leaves_a_table_as_it_was(tmp_path):
+    path = tmp_path / "cases.csv"
+    write_csv(path, ["case"], [["a"]])
+    with pytest.raises(ZeroDivisionError):
+        write_csv(path, ["case"], ([1 / left] for left in (1, 0)))
+    assert path.read_text() == "case\na\n"
     assert list(tmp_path.iterdir()) == [path]
 
 

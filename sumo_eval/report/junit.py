@@ -24,7 +24,7 @@ from lxml import etree
 
 from sumo_eval.case_table import CaseTable
 from sumo_eval.cases import CaseResult
-from sumo_eval.input_file import writing
+from sumo_eval.input_file import whole, writing
 from sumo_eval.report.comparison_lines import worst_lines
 from sumo_eval.report.gate_result import GateResult
 from sumo_eval.report.notes import why_missing
@@ -141,7 +141,12 @@ def write_junit(suites: Suites, path: Path) -> Path:
     Tests are written as they are made. In the file their number stands before them, so each suite
     first goes to a temporary file: counting them first would mean to make them twice.
     """
-    with writing(f"The JUnit file {path}"), ExitStack() as bodies, path.open("wb") as out:
+    with (
+        writing(f"The JUnit file {path}"),
+        ExitStack() as bodies,
+        whole(path) as half,
+        half.open("wb") as out,
+    ):
         written = {
             key: _written(tests, key[1], bodies.enter_context(SpooledTemporaryFile(_IN_MEMORY)))
             for key, (tests, _) in suites.items()

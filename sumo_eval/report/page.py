@@ -23,7 +23,7 @@ from urllib.parse import quote
 
 from markupsafe import Markup, escape
 
-from sumo_eval.input_file import write_whole, writing
+from sumo_eval.input_file import whole, write_whole, writing
 from sumo_eval.report.words import interval_words, number, percent, span
 from sumo_eval.text import as_utf8, point_words
 
@@ -139,9 +139,13 @@ def plotly() -> str:
 def write_csv(path: Path, columns: Iterable[str], rows: Iterable[Iterable[Any]]) -> Path:
     """Write a table and return its path.
 
-    Raises InputError where it cannot be written.
+    Raises InputError where it cannot be written; an earlier table is then left as it was.
     """
-    with writing(str(path), path.parent), path.open("w", newline="", encoding="utf-8") as file:
+    with (
+        writing(str(path), path.parent),
+        whole(path) as half,
+        half.open("w", newline="", encoding="utf-8") as file,
+    ):
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(columns)
         writer.writerows(rows)
