@@ -105,9 +105,10 @@ def _variety(column: FloatArray) -> tuple[int, float]:
 
 
 def telling_slice(view: View, cases: CaseTable) -> dict[int, float]:
-    """The slice with most collisions, for a figure and for the page as it opens: column -> value.
+    """The slice with most incidents (contact, departure, giving up), for a figure and for the page
+    as it opens: column -> value.
 
-    Of slices with equally many collisions the one with the least values counts. Empty if the view
+    Of slices with equally many incidents the one with the least values counts. Empty if the view
     fixes no parameter, or draws all cases on one slice. Then the page opens at the worst case
     (`opening` in `templates/maps.js`).
     """
@@ -116,8 +117,8 @@ def telling_slice(view: View, cases: CaseTable) -> dict[int, float]:
     points = cases.parameters([view.names[column] for column in view.fixed])
     # sorted slices, and each case's number among them
     slices, slice_of = np.unique(points, axis=0, return_inverse=True)
-    collisions = np.bincount(slice_of.ravel(), cases.collided, len(slices))
-    return dict(zip(view.fixed, slices[np.argmax(collisions)].tolist(), strict=True))
+    incidents = np.bincount(slice_of.ravel(), cases.incident, len(slices))
+    return dict(zip(view.fixed, slices[np.argmax(incidents)].tolist(), strict=True))
 
 
 def tile_counts(

@@ -184,7 +184,7 @@ def test_a_map_of_four_parameters_is_the_slice_with_most_collisions(tmp_path):
     """
     evaluation = small({"none": "no_reaction"}, ("cut_in",), 2, levels=2)
     figure = draw(sumo_eval.evaluate(evaluation, tmp_path / "run"), "zone_map")
-    assert "with most collisions" in figure.get_suptitle()
+    assert "with most incidents" in figure.get_suptitle()
     words = str(figure.get_suptitle())
     assert re.search(r"[1-9]\d* of \d+ cases", words), words
     dashes = [one for one in figure.axes[0].collections if one.get_linestyle()[0][1]]

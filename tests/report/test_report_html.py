@@ -257,13 +257,19 @@ def test_a_map_shows_the_two_chosen_parameters(evaluation):
             Resolved.of(replace(evaluation.settings, report=settings), Path())
 
 
-def test_a_map_with_slices_opens_where_most_collisions_are(evaluation):
+@pytest.mark.parametrize(
+    "incident", [{"collided": True}, {"departure_time": 1.0}, {"status": "ads_error"}]
+)
+def test_a_map_with_slices_opens_where_most_incidents_are(evaluation, incident):
     rows = np.argwhere(np.ones((3, 3, 2, 2))).astype(float).tolist()
-    calm = CaseTable.of(replace(case, collided=False) for case in points(evaluation, rows))
+    calm = CaseTable.of(
+        replace(case, collided=False, departure_time=None, status="ok")
+        for case in points(evaluation, rows)
+    )
     view = choose_view(space(4), calm)
     assert telling_slice(view, calm) == {2: 0.0, 3: 0.0}
     hits = CaseTable.of(
-        replace(case, collided=case.values["p2"] == 1.0 and case.values["p3"] == 0.0)
+        replace(case, **incident) if case.values["p2"] == 1.0 and case.values["p3"] == 0.0 else case
         for case in calm
     )
     assert telling_slice(view, hits) == {2: 1.0, 3: 0.0}

@@ -96,7 +96,7 @@ def zone_map(request: FigureRequest) -> Figure:
 
 def _slice(view: View, zones: ZonePartition, cases: CaseTable) -> tuple[View, str]:
     """The view at one slice, and a note on this slice; of several slices, the one with most
-    collisions.
+    incidents.
     """
     chosen = telling_slice(view, cases)  # parameter's column -> its value; empty: only one slice
     view = view._replace(fixed=chosen or view.fixed)
@@ -106,7 +106,7 @@ def _slice(view: View, zones: ZonePartition, cases: CaseTable) -> tuple[View, st
         return view, gathered_words(view)
     if chosen:
         shown = sum(view.shows(case) for case in cases)
-        return view, f"The slice at {where}, with most collisions: {shown} of {len(cases)} cases."
+        return view, f"The slice at {where}, with most incidents: {shown} of {len(cases)} cases."
     return view, (
         f"The map is the slice at {where}: the most common values, else the middle ones. Nearly "
         "every case lies off it, so all cases are projected onto it."
