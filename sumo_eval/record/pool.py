@@ -47,7 +47,7 @@ from sumo_eval.record.hygiene import (
 )
 from sumo_eval.record.watch import COPY
 from sumo_eval.settings import RunSettings
-from sumo_eval.text import clean, clean_log
+from sumo_eval.text import clean, clean_log, last_lines
 
 Item = TypeVar("Item")
 Settled = TypeVar("Settled")
@@ -63,6 +63,7 @@ _LEAVE_TIME = 5.0  # s to wait until a killed process is gone
 _COPY_TIME = 0.2  # s to wait for copies that an ADS has forked and that also do the item
 _LONGEST_WAIT = 3600.0  # s, of one wait for the children
 _LONGEST_REFUSAL = 20_000  # characters of an InputError's text
+_PRINTED = 3  # last lines of a log that an InputError shows
 _WARNING_SHARE = 0.9  # share of the deadline after which the child prints where it hangs
 _LENGTH = struct.Struct("<Q")  # number of bytes of an order, which follows it in the pipe
 _CLOSED = "closed its connection"
@@ -193,13 +194,15 @@ class Pool:
     def each(self, work: Work[Item], items: Sequence[Item]) -> Iterator[Ended[Item]]:
         """Outcomes of the items, in their order, once all have ended.
 
-        Raises InputError for the first that is refused.
+        Raises InputError for the first that is refused, with the end of what it printed.
         """
         waiting = iter(items)
         ends = self.run(work, lambda: next(waiting, None), lambda ended: ended)
         for ended in sorted(ends, key=lambda ended: items.index(ended.item)):
             if ended.how == "refused":
-                raise InputError(ended.why)
+                # code that ends its process on import, as `argparse` does, has printed why
+                printed = ended.log and f"\nIt printed:\n{last_lines(ended.log, _PRINTED)}"
+                raise InputError(ended.why + printed)
             yield ended
 
     def run(

@@ -145,6 +145,11 @@ def test_what_cannot_be_loaded_is_refused(tmp_path):
     assert done.stderr.startswith("sumo-eval: ADS `mine.py:acc`: there is no file")
 
 
+def test_last_words_of_an_ads_that_ends_on_import_are_shown(mine):
+    done = mine("import sys\nprint('no licence')\nsys.exit(1)\n", "acc", status=2)
+    assert done.stderr.endswith("failed: SystemExit: 1.\nIt printed:\nno licence\n")
+
+
 GOOD = (
     'name = "x"\n[[scenario]]\nuse = "front_vehicle_low_speed"\n[[ads]]\nname = "a"\ncontroller = '
     '"{}"\n'
