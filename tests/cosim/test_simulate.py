@@ -266,6 +266,8 @@ no_such_file.py:Ads | there is no file
 math:squrt | `math` has no `squrt`. Did you mean `sqrt`?
 math:pi
 | must be a function (traci, ego, time), a class or an object with a `step` method, got float
+needs.py:make | a class or an object with a `step` method, got function (gain=2).
+needs.py:drive | a class or an object with a `step` method, got function (traci, ego).
 leaves.py:Ads | SystemExit
 raises.py:Ads | RuntimeError: not today
 needs.py:Ads | making one without arguments failed: TypeError
@@ -287,7 +289,8 @@ def test_what_cannot_be_a_controller_is_refused_before_a_run(tmp_path, own_path,
     files = {
         "leaves.py": "import sys\nsys.exit(3)\n",
         "raises.py": "raise RuntimeError('not today')\n",
-        "needs.py": "class Ads:\n    def __init__(self, map_file): pass\n    step = None\n",
+        "needs.py": "class Ads:\n    def __init__(self, map_file): pass\n    step = None\n"
+        "def make(gain=2): pass\ndef drive(traci, ego): pass\n",
         "quits.py": "class Ads:\n    def __init__(self): raise SystemExit(2)\n",
         "lazy.py": "class Act:\n    @property\n    def act(self): raise RuntimeError('no weights')\n"
         "class Batch:\n    act, batch = None, Act.act\n"

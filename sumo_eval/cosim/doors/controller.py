@@ -524,17 +524,17 @@ def adapted(target: Any, described: str, options: Mapping[str, Any]) -> Adapter:
         # read here too, where an error of the user's property becomes a message
         for name in ("batch", "settled", "vehicle_type"):
             getattr(target, name, None)
-        adapter = _adapter_of(target)
+        if adapter := _adapter_of(target):
+            return adapter
+        arguments = f" {inspect.signature(target)}" if callable(target) else ""
     except InputError:
         raise
     except Exception as error:  # a property of the user's class
         raise InputError(f"ADS `{described}` cannot be loaded: {said(error)}.") from error
-    if adapter is not None:
-        return adapter
     raise InputError(
         f"ADS `{described}` must be a function (traci, ego, time), a class or an object with a "
-        f"`step` method, got {type(target).__name__}. Or, without TraCI, a function (observation) "
-        "or one with `act`."
+        f"`step` method, got {type(target).__name__}{arguments}. Or, without TraCI, a function "
+        "(observation) or one with `act`."
     )
 
 
@@ -562,7 +562,7 @@ def _adapter_of(target: Any) -> Adapter | None:
         return None
     if _takes_one_argument(target):
         return PolicyController(target)
-    return ObjectController(target)
+    return ObjectController(target) if _takes_three_arguments(target) else None
 
 
 def called_by(target: Any) -> str:
@@ -627,6 +627,17 @@ def _foreign_method(target: Any, kind: type) -> str:
     call = getattr(kind, "__call__", None)  # noqa: B004
     is_function = inspect.isfunction(call) and len(inspect.signature(call).parameters) > 1
     return "" if is_function else method
+
+
+def _takes_three_arguments(function: Callable[..., Any]) -> bool:
+    """Whether a function can be called with (traci, ego, time); True if that is not known."""
+    try:
+        inspect.signature(function).bind(None, "", 0.0)
+    except TypeError:
+        return False
+    except ValueError:  # of compiled code
+        pass
+    return True
 
 
 def _takes_one_argument(function: Callable[..., Any]) -> bool:
