@@ -11,7 +11,6 @@ from typing import NamedTuple
 import numpy as np
 
 from sumo_eval.case_table import CaseTable
-from sumo_eval.errors import must_be
 from sumo_eval.frozen import frozen
 from sumo_eval.method.score_terms import mean_shares, worth
 from sumo_eval.method.zone_partition import ZonePartition
@@ -145,19 +144,20 @@ def influence(terms: CaseTerms) -> FloatArray:
 
 
 def risk_of(evaluated: CaseTable, score: ScenarioResult, seed: int) -> Risk | None:
-    """Risk of an ADS in a scenario; None with fewer than two evaluated cases, or without exposure.
+    """Risk of an ADS in a scenario.
 
     evaluated: its evaluated cases.
     seed: of the run.
     """
-    if len(evaluated) < 2 or not evaluated.exposure.sum() > 0.0:
-        return None
     loss = np.nan_to_num(evaluated.loss)
     return risk(evaluated.exposure, loss, seed, (score.scenario, score.ads))
 
 
-def risk(exposure: FloatArray, loss: FloatArray, seed: int, name: Sequence[str] = ()) -> Risk:
-    """Collision probability and expected loss, with intervals from a bootstrap over the cases.
+def risk(
+    exposure: FloatArray, loss: FloatArray, seed: int, name: Sequence[str] = ()
+) -> Risk | None:
+    """Collision probability and expected loss, with intervals from a bootstrap over the cases; None
+    with fewer than two cases, or without exposure.
 
     exposure: p_i of the evaluated cases, (n,).
     loss: L of Eq. 14, (n,), 0 without a collision.
@@ -166,17 +166,10 @@ def risk(exposure: FloatArray, loss: FloatArray, seed: int, name: Sequence[str] 
     If all cases end alike, so do all resamples of them. So the exact binomial limit for n effective
     cases, u = 1 - ((1 - level) / 2)^(1 / n), is the upper end if no case with exposure collided. If
     all of them collided, the lower end is multiplied by 1 - u.
-
-    Raises InputError for fewer than two cases, and without exposure.
     """
     n = len(exposure)
     if n < 2 or not exposure.sum() > 0.0:
-        raise must_be(
-            "The cases",
-            "a risk",
-            "at least 2, with exposure above 0",
-            f"{n} with exposure {exposure.sum():g}",
-        )
+        return None
     hit = (loss > 0.0).astype(float)
     terms = np.column_stack([exposure, exposure * hit, exposure * loss])
     sums = np.zeros((REPLICATES, 3))  # of each term in each replicate
