@@ -28,7 +28,7 @@ from sumo_eval.input_file import taking_apart, writing
 from sumo_eval.record import run_folder
 from sumo_eval.record.case_rows import Fact
 from sumo_eval.record.cases import Role
-from sumo_eval.record.store import Store, open_store
+from sumo_eval.record.store import Count, Store, open_store
 from sumo_eval.text import cell, each_text, from_cell
 from sumo_eval.trajectory import CHANNELS, Trajectory
 
@@ -102,10 +102,7 @@ class Run:
         import pandas as pd
 
         with self._store() as store:
-            return pd.DataFrame(
-                store.counts(),
-                columns=["scenario", "role", "driver", "status", "drives", "exposure"],
-            )
+            return pd.DataFrame(store.counts(), columns=Count._fields)
 
     def trajectories(self, case: str) -> dict[str, Trajectory]:
         """Every vehicle's trajectory of a case, the ego's under `ego`."""

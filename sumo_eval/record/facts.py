@@ -554,8 +554,8 @@ def _middle(space: Space) -> ConcreteScenario:
 
 def _counted(store: Store) -> Recorded:
     drives = not_evaluated = 0
-    for _, role, _, status, number, _ in store.counts():
-        drives += number
-        if role == "ads" and status not in EVALUATED:
-            not_evaluated += number
+    for count in store.counts():
+        drives += count.drives
+        if count.role == "ads" and count.status not in EVALUATED:
+            not_evaluated += count.drives
     return Recorded(drives, not_evaluated)

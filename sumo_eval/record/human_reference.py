@@ -133,11 +133,7 @@ def point_processes(store: Store, workers: int) -> AbstractContextManager[Spread
     """Context with a function that spreads the points of a run over processes, for
     `compute_points`, or computes them here if they are few.
     """
-    drives = sum(
-        number
-        for _scenario, role, _driver, _status, number, _exposure in store.counts()
-        if role == "human"
-    )
+    drives = sum(count.drives for count in store.counts() if count.role == "human")
     return spread_over(workers if drives >= _WORTH_PROCESSES else 1)
 
 

@@ -440,7 +440,7 @@ def refuse_to_lose_cases(
     numbers = {space.logical.name: space.numbers for space in spaces}
     drivers = {ads.name for ads in settings.ads}
     only = settings.run.only
-    for scenario in sorted({scenario for scenario, *_ in store.counts()}):
+    for scenario in sorted({count.scenario for count in store.counts()}):
         for case, point, driver in store.names("ads", scenario):
             if (
                 driver not in drivers

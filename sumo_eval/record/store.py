@@ -21,6 +21,7 @@ from collections.abc import Iterable, Iterator
 from contextlib import closing, contextmanager, suppress
 from itertools import chain
 from pathlib import Path
+from typing import NamedTuple
 
 from sumo_eval.errors import InputError
 from sumo_eval.input_file import sha256
@@ -60,6 +61,20 @@ drives that leave the road."""
 # table and condition of these notes, for a query after FROM
 _NOTES = f"about WHERE name LIKE '{LEFT_OUT} %'"
 _ALL_DRIVES = 'SELECT "case", vehicle, data FROM trajectories ORDER BY "case", vehicle'
+
+
+class Count(NamedTuple):
+    """Cases of one kind: how many drives, with which exposure.
+
+    driver: "" for human drivers, who count together.
+    """
+
+    scenario: str
+    role: str
+    driver: str
+    status: str
+    drives: int
+    exposure: float
 
 
 class Store(FactsFile):
@@ -293,18 +308,14 @@ class Store(FactsFile):
         )
         return b"" if row is None else bytes(row[0])
 
-    def counts(self) -> list[tuple[str, str, str, str, int, float]]:
-        """Scenario, role, driver, status; how many such cases and their exposure.
-
-        Human drivers count together, with "" as driver.
-        """
-        return list(
-            self._read(
-                "SELECT scenario, role, CASE role WHEN 'human' THEN '' ELSE driver END AS who, "
-                "status, count(*), total(exposure) FROM facts GROUP BY scenario, role, who, status "
-                "ORDER BY scenario, role, who, status"
-            )
+    def counts(self) -> list[Count]:
+        """How many cases there are of each kind, sorted."""
+        rows = self._read(
+            "SELECT scenario, role, CASE role WHEN 'human' THEN '' ELSE driver END AS who, "
+            "status, count(*), total(exposure) FROM facts GROUP BY scenario, role, who, status "
+            "ORDER BY scenario, role, who, status"
         )
+        return [Count(*row) for row in rows]
 
     def simulated_alone(self, scenario: str, ads: str) -> dict[Alone, int]:
         """Number of drives that were simulated alone, by reason: drives of an ADS, and drives that

@@ -221,8 +221,8 @@ def recorded_with(store: Store, car: str) -> bool:
     car: locator of the reference car.
     """
     counts = Counter[str]()
-    for _scenario, role, _driver, _status, number, _exposure in store.counts():
-        counts[role] += number
+    for count in store.counts():
+        counts[count.role] += count.drives
     first = next(store.facts("task_reference"), None)
     is_recorded = first is not None and first.controller == car
     return is_recorded and counts["ideal"] == counts["task_reference"]

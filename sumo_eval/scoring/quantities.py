@@ -105,11 +105,11 @@ class Remarks(NamedTuple):
         cases: all cases of the ADS.
         """
         # status -> number of drives of human drivers. The store counts all human drivers together,
-        # so each status occurs once. `_`: the driver and the exposure.
+        # so each status occurs once.
         statuses = {
-            status: number
-            for scenario, role, _, status, number, _ in space.store.counts()
-            if (scenario, role) == (space.name, "human")
+            count.status: count.drives
+            for count in space.store.counts()
+            if (count.scenario, count.role) == (space.name, "human")
         }
         drives, complete = sum(statuses.values()), statuses.pop("ok", 0)
         if statuses:

@@ -138,9 +138,9 @@ class Scoring(NamedTuple):
             return settings
         # names of these ADSs
         names = {
-            ads
-            for where, role, ads, *_ in self.store.counts()
-            if (where, role) == (scenario, "ads")
+            count.driver
+            for count in self.store.counts()
+            if (count.scenario, count.role) == (scenario, "ads")
         }
         return replace(settings, ads=tuple(ads for ads in settings.ads if ads.name in names))
 

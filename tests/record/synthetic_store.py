@@ -33,7 +33,7 @@ def use(folder, rows):
         for outcome in outcomes(rows):
             if not store.holds(outcome.case):
                 store.add(outcome)
-        counted = sum(number for *_, number, _ in store.counts())
+        counted = sum(count.drives for count in store.counts())
         seen = sum(1 for _ in store.facts("ads"))
         hits = sum(fact.collision is not None for fact in store.facts("ads"))
         store.digest()

@@ -174,7 +174,7 @@ def test_a_run_without_its_trajectories_keeps_its_scores(done, copy, monkeypatch
     size = (copy / FACTS).stat().st_size
     gone = discarded(scored)
     with open_store(copy, whole=True) as store:
-        drives = sum(number for *_, number, _ in store.counts())
+        drives = sum(count.drives for count in store.counts())
         stays = {case for case, _, _ in store.names("ads") if store.trajectories(case)}
     assert (copy / FACTS).stat().st_size < size
     assert gone == drives

@@ -133,7 +133,7 @@ def trials_in(
             try:
                 yield Trials(recorder, identities)
             except (StoppedError, KeyboardInterrupt):
-                drives = sum(number for *_, number, _ in store.counts())
+                drives = sum(count.drives for count in store.counts())
                 raise StoppedError(
                     f"Stopped. {drives} drives are kept in {folder}; the same command with "
                     f"--out {folder} --resume continues."
