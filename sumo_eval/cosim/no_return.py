@@ -6,8 +6,9 @@ it can. It keeps the wheel straight, on a curved road at its last angle. Steerin
 contact is not considered.
 
 The clip goes into facts: keep the meaning of its fields, and `BRAKES`, `_STANDSTILL` and
-`_TOLERANCE`, on which its times depend. Keep `_LEAST_REPLAYS` too: where braking later avoids a
-contact that braking earlier does not, other trials find another step.
+`_TOLERANCE`, on which its times depend. Keep the trials of a contact too, which no other contact
+of its batch may change: where braking later avoids a contact that braking earlier does not, other
+trials find another step.
 
 Users: `record/worker.py` adds the clip `NO_RETURN` to the recordings of a batch or of a case alone.
 """
@@ -34,7 +35,6 @@ from sumo_eval.trajectory import (
 )
 
 BRAKES = 0.5  # m/s2, commanded deceleration from which on an ADS counts as braking
-_LEAST_REPLAYS = 8  # target for a simulation: starting one takes as long as a few replays
 _STANDSTILL = 10.0  # s that a braked ego stands until its drive ends: it may be struck meanwhile
 _TOLERANCE = 1e-6  # s and m/s, contacts that differ by less are the same
 
@@ -95,20 +95,17 @@ def _last_steps(contacts: Mapping[int, _Contact], settings: SimulationSettings) 
     low = {i: int(NEVER) for (i, contact), hit in hits if _is_same(hit, contact.hit)}
     # the last trial of each contact; the next trials are near it, then twice as far away, and so on
     last_trial = {i: _estimate(contacts[i], settings) for i in low}
-    reach = 1
+    reach = 2  # steps
     # without the contacts whose last step is found: the next one does not avoid them
     while last_trial := {i: step for i, step in last_trial.items() if high[i] - low[i] > 1}:
-        count = max(_LEAST_REPLAYS // len(last_trial), 1)  # trials of each contact in this round
-        width = reach * (count + 1)  # steps
+        # one trial of each contact, however many contacts there are
         trials = [
-            (i, step)
+            (i, (1 + max(low[i], near - reach) + min(high[i], near + reach)) // 2)
             for i, near in last_trial.items()
-            for step in _spread(max(low[i], near - width), min(high[i], near + width), count)
         ]
         for (i, step), hit in zip(trials, _braked(contacts, trials, plain), strict=True):
-            if step < high[i]:  # false: an earlier step of this round does not avoid it
-                bound = low if _avoids(hit, contacts[i].hit) else high
-                bound[i] = last_trial[i] = step
+            bound = low if _avoids(hit, contacts[i].hit) else high
+            bound[i] = last_trial[i] = step
         reach *= 2
     return dict.fromkeys(contacts, UNKNOWN) | low
 
@@ -134,13 +131,6 @@ def _avoids(hit: Collision | Alone | None, was: Collision) -> bool:
         return True
     # a vehicle that runs into the braking ego from behind is another contact
     return isinstance(hit, Collision) and hit.side == "rear" and was.side != "rear"
-
-
-def _spread(first: int, last: int, count: int) -> Sequence[int]:
-    """At most `count` steps between `first` and `last`, evenly spread."""
-    between = range(first + 1, last)
-    stride = -(-len(between) // count)  # rounded up
-    return between[stride // 2 :: stride]
 
 
 def _estimate(contact: _Contact, settings: SimulationSettings) -> int:

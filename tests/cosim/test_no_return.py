@@ -5,6 +5,7 @@ from dataclasses import replace
 import pytest
 from road_scenes import actor, case, lead
 
+from sumo_eval.cosim import no_return
 from sumo_eval.cosim.ego_control import Replay
 from sumo_eval.cosim.no_return import with_no_return
 from sumo_eval.cosim.simulation import simulate, simulate_many, simulate_together
@@ -103,3 +104,23 @@ def test_braking_to_a_stop_does_not_avoid_a_vehicle_behind(standstill_time):
     (found,) = with_no_return([simulate(concrete, "idm")], [concrete], USUAL)
     assert found.collision.other == "chaser"
     assert clip_of(found).first_time == NEVER
+
+
+@pytest.mark.parametrize("hole", [1, 3, 8, 9])
+def test_other_contacts_of_a_batch_do_not_move_the_point(hole, monkeypatch):
+    """Even where braking at a step, `hole` before the point, does not avoid the contact."""
+    concrete = case(lead(60.0, speed=5.0), speed=25.0)
+    drive = simulate(concrete, "no_reaction")
+    last = round(clip_of(with_no_return([drive], [concrete], USUAL)[0]).first_time / USUAL.step)
+
+    def braked(contacts, trials, settings):
+        return [None if step <= last and step != last - hole else drive.collision
+                for _, step in trials]  # fmt: skip
+
+    monkeypatch.setattr(no_return, "_braked", braked)
+    alone, *together = (
+        clip_of(found).first_time
+        for count in (1, 12)
+        for found in with_no_return([drive] * count, [concrete] * count, USUAL)
+    )
+    assert together == [alone] * 12
