@@ -250,6 +250,15 @@ def test_a_scene_that_cannot_be_is_refused(tmp_path, given, words):
         write_scene(recorded(), **{"path": tmp_path / "scene.toml", **given})
 
 
+def test_a_refused_scene_leaves_no_file(tmp_path):
+    recordings = recorded()
+    flat = recordings.table["width"].mask(recordings.table["vehicle"] == "rear", 0.0)
+    recordings = recordings._replace(table=recordings.table.assign(width=flat))
+    with refusal(r"`vehicle\[1\].width` in scene .* must be greater than 0"):
+        write_scene(recordings, tmp_path / "scene.toml", "ego")
+    assert not any(tmp_path.iterdir())
+
+
 def twice(*, with_ego):
     """Two recordings of the same vehicles, the ego in both or in the first alone."""
     table = recorded().table

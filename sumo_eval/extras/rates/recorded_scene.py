@@ -25,7 +25,9 @@ from sumo_eval.errors import InputError, check_known, must_be
 from sumo_eval.extras.rates.encounters import lane_gaps
 from sumo_eval.extras.rates.fitted import fit_speeds, thinned
 from sumo_eval.report.page import write_page
-from sumo_eval.scenario.file import check_file, read_scenario
+from sumo_eval.scenario.file import check_points, scenario_from
+from sumo_eval.scenario.logical import LogicalScenario
+from sumo_eval.scenario.sampling.samples import sample
 from sumo_eval.scenario.undisturbed import tracks
 from sumo_eval.trajectory import FloatArray
 
@@ -170,8 +172,10 @@ def write_scene(
         "constraint": [] if model else [never],
         **_traffic(scene_ego, _speed(recorded, 0.0), actors, lanes, model or "IDM"),
     }  # fmt: skip
-    check_file(write_page(path, tomli_w.dumps(content), "The scene"))
-    error = _error(path, scene_ego, actors)
+    logical = scenario_from(content, f"scene {path}", path.parent)
+    check_points(logical, sample(logical).points)  # before a file is written
+    write_page(path, tomli_w.dumps(content), "The scene")
+    error = _error(logical, scene_ego, actors)
     return WrittenScene(len(actors), dict(sorted(left_out.items())), continued, error, clock[-1])
 
 
@@ -367,9 +371,9 @@ def _vehicle(track: _Track, lanes: _Lanes, model: str) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def _error(path: Path, ego: _Track, actors: list[_Track]) -> tuple[float, float]:
-    """Root mean square and largest distance of the actors in a file from their tracks, m."""
-    concrete = read_scenario(path).concrete(react_beyond=NEVER)
+def _error(logical: LogicalScenario, ego: _Track, actors: list[_Track]) -> tuple[float, float]:
+    """Root mean square and largest distance of a scene's actors from their tracks, m."""
+    concrete = logical.concrete(react_beyond=NEVER)
     driven = tracks([concrete], [(ego.length, ego.width)], INTERVAL, ego.time[-1]).others[0]
     clock = np.arange(driven.shape[1]) * INTERVAL
     errors = []

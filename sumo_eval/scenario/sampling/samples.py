@@ -6,7 +6,7 @@ the evaluation's seed. Names of methods are public; a method that draws other po
 changes every user's results.
 
 Users: `cli/space.py`, `record/`, `report/points_page.py`, `scenario/file.py`, `scoring/`,
-`extras/bench/costs.py`, `extras/wheel/trip.py`.
+`extras/bench/costs.py`, `extras/rates/recorded_scene.py`, `extras/wheel/trip.py`.
 """
 
 from collections.abc import Callable, Collection, Mapping
