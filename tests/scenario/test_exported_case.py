@@ -16,6 +16,7 @@ from sumo_eval.extras.openscenario.written import scenario_content
 from sumo_eval.extras.wheel.tape import digest
 from sumo_eval.scenario.catalogue import SCENARIOS, load
 from sumo_eval.scenario.concrete import Actor, Model, Start, brake_to_stop
+from sumo_eval.scenario.file import scenario_from
 from sumo_eval.scenario.played import AT_MOST, FOLLOW, TIME, VALUE, Act
 from sumo_eval.settings import SimulationSettings
 
@@ -73,6 +74,16 @@ def test_a_written_braking_keeps_its_jerk(tmp_path):
     lead = replace(case.actors[0], acts=(brake_to_stop(1.0, 5.0, 10.0),))
     read = read_file(exported(tmp_path, replace(case, actors=(lead,))))
     assert scenario_content(read, {})["vehicle"][0]["manoeuvre"][0]["jerk"] == 10.0
+
+
+@pytest.mark.parametrize(
+    "use", ["cut_in", "cut_in?lateral_acceleration=1.5", "front_vehicle_cut_out"]
+)
+def test_a_written_move_across_is_that_of_the_case(tmp_path, use):
+    case = middle(use)
+    content = scenario_content(read_file(exported(tmp_path, case)), {})
+    again = scenario_from(content, "content", tmp_path).concrete(only=0.0)
+    assert digest(simulate(again, "idm")) == digest(simulate(case, "idm"))
 
 
 def test_an_actor_at_the_roads_end_has_no_trajectory():

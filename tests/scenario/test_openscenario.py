@@ -1662,7 +1662,7 @@ def test_every_element_that_the_catalogues_use_is_in_the_list():
 
 
 @pytest.mark.parametrize("events",
-    ["", CUT_IN, timed(OFFSET, 2),
+    ["", CUT_IN, CUT_IN.replace("sinusoidal", "linear"), timed(OFFSET, 2),
                                     CUT_IN + timed(BRAKE, ENDED.format("cut"), n=2, delay=1)])  # fmt: skip
 def test_the_scenario_file_that_was_understood_says_the_same(tmp_path, events):
     """Everybody starts at the same place and does the same, by the scenario file as by the imported

@@ -18,7 +18,14 @@ from sumo_eval.extras.openscenario.logical import Read, concrete
 from sumo_eval.extras.openscenario.scene import distinct
 from sumo_eval.report.page import write_page
 from sumo_eval.scenario import played
-from sumo_eval.scenario.concrete import Actor, ConcreteScenario, Numbers, Road, Start
+from sumo_eval.scenario.concrete import (
+    Actor,
+    ConcreteScenario,
+    Numbers,
+    Road,
+    Start,
+    constant_lateral,
+)
 from sumo_eval.scenario.file import scenario_from
 from sumo_eval.scenario.logical import ONLY
 from sumo_eval.scenario.road.reference_line import Piece
@@ -172,9 +179,18 @@ def _act(act: played.Act, name: str, names: Sequence[str]) -> Table:
     match act.kind:
         case played.KEEP:
             return {"do": "keep_speed", **table}
-        case played.COSINE:
+        case played.SMOOTH | played.COSINE:
             table |= {"duration": act.duration, "offset": act.offset}
-            return {"do": "change_lane_cosine", **table}
+            verb = "change_lane" if act.kind == played.SMOOTH else "change_lane_cosine"
+            return {"do": verb, **table}
+        case played.CONSTANT:
+            even = constant_lateral(act.begin, act.speed, act.offset, act.acceleration)
+            # a scenario file has no duration of it: from its speed another one may follow, rounded
+            if even.duration == act.duration:
+                table |= {"speed": act.speed, "offset": act.offset}
+                if act.acceleration < math.inf:  # else at once
+                    table["acceleration"] = act.acceleration
+                return {"do": "move_sideways", **table}
         case played.SPEED if act.timed:
             return {"do": "brake", **table, "deceleration": act.acceleration}
         case played.SPEED if math.isfinite(act.acceleration):
