@@ -152,6 +152,14 @@ def test_an_option_nested_too_deep_for_json_is_a_text():
     assert split_entry(f"mine.py:Mine?options.a={text}")[1].options == {"a": text}
 
 
+@pytest.mark.parametrize(
+    "text, value",
+    [("1e+3", 1000.0), ("+5", 5), ("[1e+3,2]", [1000.0, 2]), ("a+b", "a b"), ("1+e", "1 e")],
+)
+def test_a_plus_in_a_locator_is_that_of_a_number_else_a_space(text, value):
+    assert split_entry(f"mine.py:Mine?options.a={text}")[1].options == {"a": value}
+
+
 def test_an_ads_with_a_period_is_asked_that_often_and_its_answer_holds(folder):
     found = half_second("mine.py:Counting?period=0.2", folder=folder)
     # asked at 0, 0.2 and 0.4 s: -1, -1.2, -1.4; samples are every 0.1 s

@@ -94,8 +94,10 @@ def _read_entry(query: str, owner: str) -> Entry:
 
 def _value(text: str) -> Any:
     """The value of a pair: what it is as JSON, else the text."""
-    with suppress(ValueError, RecursionError):
-        return json.loads(text)
+    # `+` stands for a space in a query, so that `1e+3` comes as `1e 3`
+    for written in (text, text.replace(" ", "+")):
+        with suppress(ValueError, RecursionError):
+            return json.loads(written)
     return text
 
 
