@@ -143,6 +143,8 @@ def test_what_cannot_be_loaded_is_refused(tmp_path):
     done = check("mine.py:acc", tmp_path, status=2)
     assert done.stdout == ""
     assert done.stderr.startswith("sumo-eval: ADS `mine.py:acc`: there is no file")
+    (tmp_path / "mime.py").touch()
+    assert "mime.py`?" in check("mine.py:acc", tmp_path, status=2).stderr
 
 
 def test_last_words_of_an_ads_that_ends_on_import_are_shown(mine):
