@@ -104,14 +104,15 @@ def ramped(
 
 
 _WATCHED = fields(
-    "lane_y", "offset", "time", "speed", "strayed_at", "braking", "braked_at", "evaluated_at",
-    "necessary_at",
+    "lane_y", "offset", "moved", "time", "speed", "strayed_at", "braking", "braked_at",
+    "evaluated_at", "necessary_at",
 )  # fmt: skip
 """The driver's memory of one vehicle; nan: nothing yet. Kernels call the memories of all vehicles
 `watched`, and that of the vehicle in question `known`.
 
-lane_y: y of the centre of the lane where the vehicle was first seen, m; of a vehicle that stood
-    then, its own y.
+lane_y: y of the centre of the vehicle's lane, m: where it was first seen, then each lane beside
+    the ego's in which it settles; of a vehicle that stood when first seen, its own y.
+moved: motion across between the last two looks, to the left, m.
 offset, time, speed: distance to the left of `lane_y`, m, time, s, and speed along the road, m/s,
     when it was last looked at. Every vehicle in the network is, hidden or not.
 strayed_at: instant from which the driver sees it further from `lane_y` than wandering explains, s.
@@ -177,6 +178,7 @@ def _braking_necessary(
         known = watched[j]
         if not isnan(others[j].x):
             _look_at(others[j], known, p, scenario, time)
+            _settle(me, others[j], known, p, scenario)
         if _is_over(me, others[j], known, scenario):
             known.evaluated_at = known.necessary_at = nan
     _find_cut_ins(me, others, watched, p, scenario, time)
@@ -214,8 +216,20 @@ def _look_at(other: Any, known: Any, p: Any, scenario: Any, time: float) -> None
         known.braked_at = nan
     elif isnan(known.braked_at):
         known.braked_at = time - scenario.step  # not interpolated: braking may jump at any instant
-    known.offset, known.time = offset, time
+    known.moved, known.offset, known.time = offset - known.offset, offset, time
     known.braking, known.speed = braking, other.along
+
+
+@kernel
+def _settle(me: Any, other: Any, known: Any, p: Any, scenario: Any) -> None:
+    """Give the memory a vehicle's new lane beside the ego's, once it ceases to move to the ego."""
+    width = scenario.road.lane_width
+    centre = width * round(other.y / width)
+    ceases = known.moved * (me.y - centre) <= 0.0
+    in_ego_lane = abs(centre - me.y) < 0.5 * width or _began_in_ego_lane(me, known, scenario)
+    along = other.along > abs(other.across)  # a crossing road user keeps no lane
+    if along and ceases and not in_ego_lane and abs(other.y - centre) <= p.wander:
+        known.lane_y, known.offset, known.strayed_at = centre, other.y - centre, nan
 
 
 @kernel

@@ -1,12 +1,13 @@
 """The reference drivers of UN R157: formulas by hand, and each in a plain case through SUMO."""
 
 import math
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from refusals import refusal
-from road_scenes import actor, assert_last, case, clear_drive, fresh, mover
+from road_scenes import ROAD, actor, assert_last, case, clear_drive, fresh, mover
 from tables import values_of
 
 from sumo_eval.ads.braking import SAFETY_BRAKING, follow_demand
@@ -353,6 +354,23 @@ def test_a_vehicle_that_stays_in_its_lane_is_not_an_event():
     beside = actor("beside", 20.0, 10.0, 3.5 - 0.3)
     for driver in ("careful_driver", "fsm", "reg157"):
         assert simulate(case(beside), driver).ego.speed == pytest.approx(20.0)
+
+
+@pytest.mark.parametrize("ego_y, first, then", [(0.0, 7.0, 3.5), (3.5, 0.0, 7.0)])
+def test_a_vehicle_that_settles_beside_the_ego_is_not_an_event(ego_y, first, then):
+    # from two lanes away, and across the ego's lane far ahead; later TTC is below 2 s
+    change = constant_lateral(0.5, 2.0, then - first)
+    other = actor("beside", 60.0, 10.0, first, change)
+    road = replace(ROAD, lanes=3)
+    assert simulate(case(other, y=ego_y, road=road), "careful_driver").ego.speed.min() == 20.0
+
+
+def test_a_cut_in_from_a_lane_in_which_it_has_settled_is_evaluated():
+    changes = constant_lateral(0.1, 5.0, -3.5), constant_lateral(3.0, 1.0, -3.5)
+    other = actor("cut_in", 50.0, 10.0, 7.0, *changes)
+    ego = simulate(case(other, road=replace(ROAD, lanes=3)), "careful_driver").ego
+    first = ego.time[ego.acceleration < -0.01][0]
+    assert first == pytest.approx(3.0 + 0.375 / 1.0 + 0.4 + 0.75, abs=0.15)
 
 
 def test_the_aeb_stage_does_not_see_through_a_vehicle():
