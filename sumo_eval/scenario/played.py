@@ -109,7 +109,7 @@ positions of a recorded ego (x, y), or numbers of a `MATCH` (see `PLAY`)."""
 PROGRAM = np.dtype(fields("value") + flags("op", "one", "two"))
 """An operation of a condition, as a `Step`."""
 PLAY = np.dtype(
-    fields("x", "y", "heading", "line_s", "line_time", "since", "s", "v", "first_begin")
+    fields("x", "y", "heading", "line_s", "line_time", "since", "s", "v", "a", "first_begin")
     + flags("acts", "pieces", "path", "points", "slides", "model", "on_map", "match")
 )
 """Present motion of a vehicle.
@@ -117,7 +117,7 @@ PLAY = np.dtype(
 x, y, heading: beginning and direction of its line, m and rad.
 line_s, line_time: distance driven, m, and time, s, when the line began.
 since: time from which its pieces count, s.
-s, v: distance driven, m, and speed, m/s, at that time.
+s, v, a: distance driven, m, and speed, m/s, at that time, and acceleration before it, m/s2.
 first_begin: `begin` of its first move, s; inf before.
 acts, pieces: number of its moves and of its pieces.
 path, points: index of the first point of its path in `TABLE`, and number of points; 0: its line is
@@ -250,11 +250,11 @@ def case_of(cast: Any, i: int) -> Any:
 @kernel
 def driven(play: Any, pieces: Any, time: float) -> Motion:
     """Distance, m, speed, m/s, and acceleration, m/s2, along the line at a time; before `since` as
-    if the vehicle had kept its speed.
+    if the vehicle had had its last acceleration.
     """
     s, v, rest = play.s, play.v, time - play.since  # rest: s that the pieces must still cover
     if rest < 0.0:
-        return s + v * rest, v, 0.0
+        return s + rest * (v + rest * 0.5 * play.a), v + rest * play.a, play.a
     for k in range(play.pieces):
         piece = pieces[k]
         d = min(rest, piece.duration)  # time in this piece, s
@@ -634,11 +634,12 @@ def _begin(play: Any, acts: Any, chosen: int, pieces: Any, table: Any) -> None:
         act.end = inf
         return
 
-    s, v, _ = driven(play, pieces, act.begin)
+    s, v, a = driven(play, pieces, act.begin)
     if act.kind == PATH:
         _begin_path(play, acts, act, table, s)
         return
-    play.since, play.s, play.v = act.begin, s, v
+    play.since, play.s = act.begin, s
+    play.v, play.a = v, a
     play.match = act.first + 1 if act.kind == MATCH else 0
     if act.kind in (KEEP, MATCH):  # for ever
         play.pieces, act.end = 0, inf
@@ -917,8 +918,8 @@ def _play_of(actor: Any) -> tuple[Any, ...]:
     """A row of `PLAY` at the start, in the order of its fields."""
     start = actor.start
     pose = (start.x, start.y, actor.heading) if actor.on_map is None else actor.on_map
-    # line_s, line_time, since, s, v, first_begin
-    driven_so_far = 0.0, 0.0, 0.0, 0.0, start.speed, inf
+    # line_s, line_time, since, s, v, a, first_begin
+    driven_so_far = 0.0, 0.0, 0.0, 0.0, start.speed, 0.0, inf
     model = AT_ONCE if actor.follows_at_once else 0
     # acts, pieces, path, points, slides, model, on_map, match
     counts = len(actor.acts), 0, 0, 0, actor.slides, model, actor.on_map is not None, 0

@@ -193,6 +193,19 @@ def test_law_of_two_moves_the_later_replaces_the_earlier_whatever_the_step(step)
     assert (x[-1], v[-1]) == (pytest.approx(150.0 + driven, abs=1e-9), 25.0)
 
 
+@pytest.mark.parametrize("step", [0.1, 0.05, 0.02])
+def test_law_three_moves_of_which_two_begin_in_one_step_whatever_the_step(step):
+    # at 3 m/s2 for 1.02 s, at -5 m/s2 for 0.025 s, then at -4 m/s2 from 22.935 to 5 m/s
+    first = 'do = "accelerate", begin = 1.0, speed = 30.0, acceleration = 3.0'
+    found_late = 'do = "brake", when = "time > 2.02", deceleration = 5.0'
+    last = 'do = "accelerate", begin = 2.045, speed = 5.0, acceleration = 4.0'
+    _, x, _, _, _ = way(scene(first, found_late, last), step)
+    slowing = 17.935 / 4.0
+    driven = 20.0 + 1.02 * 21.53 + 0.025 * 22.9975 + slowing * 13.9675
+    driven += (10.0 - 2.045 - slowing) * 5.0
+    assert x[-1] == pytest.approx(150.0 + driven, abs=1e-9)
+
+
 @pytest.mark.parametrize(
     "change, sentence",
     [
