@@ -34,6 +34,8 @@ from sumo_eval.settings import SimulationSettings
 from sumo_eval.text import point_words
 from sumo_eval.trajectory import FloatArray
 
+# s: a motion divides by the square of a move's duration, which must not be rounded to 0
+_SHORTEST = 1e-9
 Numbers = Mapping[str, float]
 """Numbers by name, as of the parameters at a point of a space."""
 
@@ -246,14 +248,15 @@ def smooth_step(share: FloatArray | float) -> FloatArray:
 def lane_change(begin: float, duration: float, offset: float, *, cosine: bool = False) -> Act:
     """A smooth lateral move.
 
-    begin, duration: s.
+    begin, duration: s; it lasts `_SHORTEST` at least.
     offset: to the left, m; negative: to the right.
     cosine: which share of the offset is covered after a share s of the duration. False: that of
         `smooth_step`; the lateral speed peaks at 1.875 offset/duration. True: (1 - cos(pi s)) / 2,
         OpenSCENARIO's `sinusoidal`; the lateral speed peaks at pi/2 offset/duration.
     """
     _check_above_zero("duration", "a lateral move", "s", duration)
-    return Act(played.COSINE if cosine else played.SMOOTH, begin, duration, 0.0, offset)
+    lasts = max(duration, _SHORTEST)
+    return Act(played.COSINE if cosine else played.SMOOTH, begin, lasts, 0.0, offset)
 
 
 def constant_lateral(begin: float, speed: float, offset: float, acceleration: float = inf) -> Act:

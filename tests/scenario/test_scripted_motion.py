@@ -36,3 +36,9 @@ def test_a_brake_that_never_begins_keeps_the_speed():
     actor = Actor("a", Start(5.0, 0.0, 10.0), (brake_to_stop(float("inf"), 5.0),))
     assert actor.x(2.0) == 25.0
     assert actor.speed(2.0) == 10.0
+
+
+def test_a_lane_change_of_next_to_no_time_moves_at_once():
+    actor = Actor("a", Start(5.0, 0.0, 10.0), (lane_change(1.0, 1e-300, 3.5),))
+    assert [actor.y(time) for time in (1.0, 1.01)] == [0.0, 3.5]
+    assert actor.lateral_speed(1.0) == actor.lateral_speed(1.01) == 0.0
