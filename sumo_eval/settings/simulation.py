@@ -10,6 +10,7 @@ from typing import Annotated, Literal
 
 from annotated_types import Le
 
+from sumo_eval.errors import must_be
 from sumo_eval.frozen import frozen
 from sumo_eval.settings.checked import (
     Checked,
@@ -76,6 +77,15 @@ class VehicleSettings(Checked):
     cornering_stiffness: PositiveFloat = setting(
         20.9, "of the dynamic model: side force / (slip angle * axle load * friction)", "1/rad"
     )
+
+    def __post_init__(self) -> None:
+        Checked.__post_init__(self)
+        # road wheels across the vehicle: tan(angle), the curvature of its path, has no sense there
+        most = 90.0 * self.steering_ratio
+        if self.max_steering_wheel_angle_deg >= most:
+            wanted = f"less than {most:g} deg, 90 times `steering_ratio`"
+            got = self.max_steering_wheel_angle_deg
+            raise must_be("`max_steering_wheel_angle_deg`", "`VehicleSettings`", wanted, got)
 
     @property
     def dynamic(self) -> float:

@@ -88,6 +88,7 @@ SimulationSettings | {"time_limit": -1}
 | `time_limit` of `SimulationSettings` must be greater than 0, got -1
 VehicleSettings | {"friction": 0} | `friction` of `VehicleSettings` must be greater than 0, got 0
 VehicleSettings | {"max_deceleration": -9.0} | must be greater than 0, got -9.0
+VehicleSettings | {"steering_ratio": 6.0} | must be less than 540 deg, 90 times `steering_ratio`, got
 ConditionSettings | {"actuation_delay": 1e9} | must be at most 100, got 1000000000.0
 VehicleSettings | {"width": 1e300} | `width` of `VehicleSettings` must be at most 100, got 1e+300
 FieldSettings | {"k1": -0.1} | `k1` of `FieldSettings` must be at least 0, got -0.1

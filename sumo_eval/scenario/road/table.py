@@ -107,7 +107,7 @@ def check_line(
     vehicle = vehicle or VehicleSettings()
     # largest angle of the front wheels, rad, and the ego's smallest radius, m
     wheel = math.radians(vehicle.max_steering_wheel_angle_deg) / vehicle.steering_ratio
-    smallest = vehicle.wheelbase / math.tan(wheel) if wheel < 0.5 * math.pi else 0.0
+    smallest = vehicle.wheelbase / math.tan(wheel)
     for curvature in filter(None, end_curvatures(pieces)):
         radius = abs(1.0 / curvature)
         # lanes lie left of the line, so in a left curve the leftmost is the innermost
