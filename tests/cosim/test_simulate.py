@@ -896,6 +896,9 @@ def test_traci_code_names_its_vehicles_type():
 {"carFollowModel": "CCC"} | Unknown SUMO car-following model `CCC`
 {"length": 1.0} | Unknown vType parameter `length`
 {"tau": "soon"} | `tau` of `vehicle_type` of Mine must be a finite number
+{"tau": -1} | `tau` of `vehicle_type` of Mine must be greater than 0, got '-1'
+{"actionStepLength": -1} | must be at least 0, got '-1'
+{"sigma": 1.5} | must be at most 1, got '1.5'
 "CC" | must be a dict
 """,
         json.loads,

@@ -228,6 +228,11 @@ SUMO_ATTRIBUTES = (
     "collisionAvoidanceGainGap", "collisionAvoidanceGainGapDot", "collisionAvoidanceOverride",
 )  # fmt: skip
 """Attributes of a vType that describe how it follows; `VehicleSettings` describe the body."""
+_ABOVE_ZERO = (
+    "accel", "decel", "apparentDecel", "emergencyDecel", "tau", "speedFactor", "desiredMaxSpeed",
+    "maxSpeed", "stepping",
+)  # fmt: skip
+_FROM_ZERO = ("minGap", "speedDev", "startupDelay", "actionStepLength", "sigma")
 PARAMETER = "carFollowModel."
 """Beginning of the name of a parameter that a model receives at the start: Plexe's
 `carFollowModel.ccac=1`."""
@@ -484,13 +489,23 @@ def _own_model(target: Any) -> NativeModel | None:
 
 def _check_attributes(attributes: Mapping[str, str], owner: str) -> None:
     """Raise InputError unless each attribute is one of `SUMO_ATTRIBUTES`, or a parameter, and a
-    number.
+    number that SUMO's models can have.
     """
     for name, value in attributes.items():
         if name not in SUMO_ATTRIBUTES and not name.startswith(PARAMETER):
             raise unknown(f"vType parameter of {owner}", name, SUMO_ATTRIBUTES)
-        if isnan(number_in(value)):
-            raise must_be(f"`{name}`", owner, "a finite number", value)
+        number = number_in(value)
+        demand = ""
+        if isnan(number):
+            demand = "a finite number"
+        elif name in _ABOVE_ZERO and number <= 0.0:
+            demand = "greater than 0"
+        elif name in _FROM_ZERO and number < 0.0:
+            demand = "at least 0"
+        elif name == "sigma" and number > 1.0:
+            demand = "at most 1"
+        if demand:
+            raise must_be(f"`{name}`", owner, demand, value)
 
 
 @seen_as_traci()
