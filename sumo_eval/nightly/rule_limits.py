@@ -17,7 +17,6 @@ from sumo_eval.scoring.gate_settings import ENDS, TIMED, GateSettings
 from sumo_eval.scoring.rule import (
     Noise,
     Tally,
-    Worse,
     can_fail,
     got_worse,
     holm,
@@ -234,12 +233,7 @@ def _result(
 def _worst(tally: Tally, unit: str) -> Iterator[CaseChange]:
     """The worst cases of all scenarios, with the values before and after."""
     first = [(worse, pair) for worse in tally.worse for pair in worse.which[:MOST_NAMED]]
-
-    def signed_change(place: tuple[Worse, int]) -> float:
-        worse, pair = place
-        return tally.measure.sign * float(worse.after[pair] - worse.before[pair])
-
-    first.sort(key=signed_change)  # the least is the worst
+    first.sort(key=lambda place: -place[0].rank[place[1]])
     for worse, pair in first[:MOST_NAMED]:
         case = worse.part.changed.paired.new[pair]
         yield CaseChange.of(case, float(worse.before[pair]), float(worse.after[pair]), unit)

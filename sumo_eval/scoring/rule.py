@@ -201,19 +201,22 @@ class Worse(NamedTuple):
     part: comparison of the ADS in the scenario, with n pairs.
     which: indices of the pairs of these cases, the worst first.
     before, after: the quantity of all pairs in the base and in the new run, (n,).
+    rank: by which the cases are ordered: of a near miss the share of its distance to an accident
+        that it lost, else d in multiples of the tolerance, (n,).
     """
 
     part: AdsComparison
     which: Sequence[int]
     before: Column
     after: Column
+    rank: FloatArray
 
 
 def _worst_first(flags: BoolArray, by: FloatArray) -> list[int]:
     """Indices of the flagged pairs, the worst first.
 
     flags: of all pairs, (n,).
-    by: amount by which each pair is worse, (n,).
+    by: how much worse each pair is, (n,).
     """
     return sorted(np.flatnonzero(flags).tolist(), key=lambda pair: -by[pair])
 
@@ -332,13 +335,17 @@ def tally(
             sign = measure.sign
             counts &= np.fmin(sign * before, sign * after) < sign * measure.zone
         flags = counts & (by > beyond)
-        least_kept = kept_margin(before, after, measure)[flags].min(initial=least_kept)
+        kept = kept_margin(before, after, measure)
+        far = by / np.maximum(limit, LAST_DIGIT)
+        least_kept = kept[flags].min(initial=least_kept)
         most = by[flags].max(initial=most)
-        furthest = (by / np.maximum(limit, LAST_DIGIT))[flags].max(initial=furthest)
+        furthest = far[flags].max(initial=furthest)
         better += int(np.sum(counts & (by < -beyond)))
         lone += int(np.sum(_both_ok(part) & (np.isnan(before) != np.isnan(after))))
         cases += int(np.sum(counts))
-        worse.append(Worse(part, _worst_first(flags, by), before, after))
+        # the cases that the rule looks at alone come first
+        rank = 1.0 - kept if near else far
+        worse.append(Worse(part, _worst_first(flags, rank), before, after, rank))
     return Tally(ads, measure, near, tuple(worse), better, cases, least_kept, most, furthest, lone)
 
 

@@ -264,6 +264,18 @@ def test_three_cases_far_worse_fail_and_say_how_far(evaluation):
     assert "tolerances" not in gate.sentence  # of a time they do not count
 
 
+@pytest.mark.parametrize(
+    "quantity, before, after, last",
+    [("min_ttc", 1.7, 1.3, (0.2, 0.0)), ("max_jerk", 20.0, 26.0, (1.0, 5.0))],
+)
+def test_first_named_case_is_the_one_of_the_sentence(evaluation, quantity, before, after, last):
+    """It kept 0 % of its margin, or is worse by 2 of its tolerances, not by the largest amount."""
+    base = some(calm(evaluation, **{quantity: before}), 1, **{quantity: last[0]})
+    new = some(calm(evaluation, **{quantity: after}), 1, **{quantity: last[1]})
+    (gate,) = judged(base, new)
+    assert (gate.worst[0].before, gate.worst[0].after) == last
+
+
 def test_cases_with_a_value_in_one_run_are_reported(evaluation):
     """Without a lead in the base: there is no headway that could have become smaller."""
     base = some(calm(evaluation, min_thw=2.0), 2, min_thw=None)
