@@ -435,6 +435,13 @@ def test_a_road_of_a_chain_that_is_driven_against_is_read_on_its_own_side(tmp_pa
     ]
 
 
+def test_a_road_with_left_lanes_alone_is_driven_against_its_line(tmp_path):
+    """As are many of CARLA's roads; alone and as the first of a turn it begins in one place."""
+    path = chain(tmp_path)
+    alone, first = read_opendrive(path, "in"), read_opendrive(path, ["in", "turn", "out"])
+    assert (alone.line, alone.length, alone.begin) == ((), 100.0, first.begin)
+
+
 def test_a_lane_that_opens_in_a_chain_is_named_with_its_road(tmp_path):
     path = chain(tmp_path)
     more = '<lane id="-2" type="driving"><width sOffset="0" a="3.5"/></lane></right>'
@@ -465,6 +472,15 @@ def test_a_lane_that_opens_in_a_chain_is_named_with_its_road(tmp_path):
 def test_roads_that_do_not_follow_each_other_are_refused(tmp_path, names, a, sentence):
     with refused(sentence):
         read_opendrive(chain(tmp_path, a), names)
+
+
+def test_a_curve_tighter_than_its_lane_is_refused_with_its_radius(tmp_path):
+    """The right lane's centre is 7.25 m right of the line, the curve's centre 2 m."""
+    arc_of_file = '<arc curvature="-0.5"/>'
+    path = written(tmp_path)
+    path.write_text(path.read_text().replace("<line/>", arc_of_file))
+    with refusal(r"must be above 7\.25 m, .* got '2 m'"):
+        read_opendrive(path)
 
 
 def test_a_width_that_is_a_polynomial_is_refused_by_its_lane(tmp_path):

@@ -78,7 +78,8 @@ class ReadRoad(NamedTuple):
 def read_opendrive(path: Path, road: str | Sequence[str] | None = None) -> ReadRoad:
     """Read one road of the file, or several that are driven in order.
 
-    road: an id, or several; None: the only road of the file. Each of several is driven in the
+    road: an id, or several; None: the only road of the file. One is driven along its reference
+        line, or against it if all driving lanes are to the left. Each of several is driven in the
         direction in which it meets the one before.
 
     Raises InputError for content that is not supported.
@@ -100,7 +101,9 @@ def read_opendrive(path: Path, road: str | Sequence[str] | None = None) -> ReadR
     if not 0 < len(names) <= _MOST_ROADS:
         raise must_be("The roads to drive along", owner, f"1 to {_MOST_ROADS}", len(names))
     if len(names) == 1:
-        chain = [_stretch(roads[names[0]], f"road `{names[0]}` of {owner}", against=False)]
+        single = roads[names[0]]
+        against = _driven_sides(single) == ["left"]
+        chain = [_stretch(single, f"road `{names[0]}` of {owner}", against=against)]
     else:
         chain = _chain([roads[name] for name in names], owner)
     line = tuple(piece for stretch in chain for piece in stretch.line)
@@ -161,14 +164,22 @@ def _both_ways(road: Element, owner: str, faults: list[InputError]) -> list[Read
         needs this direction.
     """
     stretches = []
+    for side in _driven_sides(road):
+        try:
+            stretches.append(_stretch(road, owner, against=side == "left"))
+        except InputError as fault:
+            faults.append(fault)
+    return stretches
+
+
+def _driven_sides(road: Element) -> list[str]:
+    """Sides of a road's reference line with driving lanes: `right` first, then `left`."""
+    sides = []
     for side in ("right", "left"):
         lanes = road.iterfind(f"lanes/laneSection/{side}/lane")
         if any(lane.get("type") in DRIVEN for lane in lanes):
-            try:
-                stretches.append(_stretch(road, owner, against=side == "left"))
-            except InputError as fault:
-                faults.append(fault)
-    return stretches
+            sides.append(side)
+    return sides
 
 
 def _meets(before: ReadRoad, road: ReadRoad) -> bool:
@@ -367,7 +378,7 @@ def _driving_lanes(
     shift = lane_offset(road, owner, length)
     side = "left" if against else "right"
     sections = _sections(road, owner, length, side)
-    ranks = _driven_ranks(sections, side, owner)
+    ranks = _driven_ranks(sections, owner)
     outer = ranks[-1]
 
     inner_edges, inner_widths = _inner_lanes(sections, outer, owner)
@@ -383,17 +394,15 @@ def _driving_lanes(
     return offset, (len(ranks), width, spans)
 
 
-def _driven_ranks(sections: Sequence[_Section], side: str, owner: str) -> list[int]:
-    """Ranks of the driving lanes on a side, from the inside, in the section with most of them.
+def _driven_ranks(sections: Sequence[_Section], owner: str) -> list[int]:
+    """Ranks of the driving lanes on one side, from the inside, in the section with most of them.
 
     Raises InputError unless they are adjacent, and every section has all of them, or all but the
     outermost.
     """
     ranks = max((section.driven for section in sections), key=len)
     if not ranks:
-        raise InputError(
-            f"{capitalised(owner)} has no driving lane to the {side} of its reference line."
-        )
+        raise InputError(f"{capitalised(owner)} has no driving lane.")
     if ranks != list(range(ranks[0], ranks[0] + len(ranks))):
         raise must_be("The driving lanes", owner, "adjacent", ranks)
     for section in sections:
@@ -568,9 +577,11 @@ def beside(reference: Line, offset: float, owner: str) -> Line:
     """
     pieces = []
     for piece in reference:
-        if max(piece.begin * offset, piece.end * offset) >= 1.0:
+        sharpest = max(piece.begin * offset, piece.end * offset)
+        if sharpest >= 1.0:
             wanted = f"above {abs(offset):g} m, the distance of its lane from the reference line"
-            raise must_be("The radius of a curve", owner, wanted, f"{piece}")
+            got = f"{abs(offset) / sharpest:g} m"
+            raise must_be("The radius of a curve", owner, wanted, got)
         count = 1 if piece.begin == piece.end else ceil(piece.length / _PART)
         rate = (piece.end - piece.begin) / count
         for part in range(count):
