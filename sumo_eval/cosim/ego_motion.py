@@ -100,7 +100,8 @@ class EgoMotion:
         ego = self.ego
         if not self._may_pass_lane_end():
             return
-        edges = vehicle_edges(self.road, self.state[Y])
+        ending = ego[len(EGO) :]  # of the names in SUMO of its case
+        edges = tuple(f"{it}{ending}" for it in vehicle_edges(self.road, self.state[Y]))
         route = vehicle.getRoute(ego)
         index = vehicle.getRouteIndex(ego)
         following = slice(index + 1, index + 2)  # the next edge, none after the last one

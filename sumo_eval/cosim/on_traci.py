@@ -33,7 +33,7 @@ from sumo_eval.cosim.policies import make_briefing, with_time
 from sumo_eval.cosim.records import COMMAND, MODEL, SUMO, first_number
 from sumo_eval.cosim.stage import EGO_SPEED_MODE, EXACT_SPEED_MODE, LEFT_BATCH, Stage
 from sumo_eval.cosim.sumo.shared_files import suffix
-from sumo_eval.cosim.sumo.sumo_files import EGO
+from sumo_eval.cosim.sumo.sumo_files import EGO, sections
 from sumo_eval.cosim.vehicle_model import Command
 from sumo_eval.cosim.world import World, corner
 from sumo_eval.errors import ControllerError, ControllerTimeoutError, said
@@ -325,7 +325,7 @@ class _Hook:
             if mode != EGO_SPEED_MODE:
                 world.note(self._case, "speed_mode", mode, EGO_SPEED_MODE)
                 self._calls.setSpeedMode(self.ego, EGO_SPEED_MODE)
-        if self.road.spans:  # lanes begin or end; such cases are driven alone
+        if self.road.spans:  # lanes begin or end
             self.motion.lead_along_lane()
 
     def _take_over(self, command: Command) -> None:
@@ -340,7 +340,10 @@ class _Hook:
 
 
 def _names(concrete: ConcreteScenario, suffix: str) -> SumoNames:
-    """Names that a hook can give SUMO in a case: vehicles, the edge, the route `along`, lanes."""
-    lanes = [f"road_{lane}" for lane in range(concrete.road.lanes)]
-    actors = [actor.name for actor in concrete.actors]
-    return SumoNames((EGO, *actors, "road", "along", *lanes), suffix)
+    """Names that a hook can give SUMO in a case: of vehicles, edges, lanes and routes."""
+    vehicles = [EGO, *(actor.name for actor in concrete.actors)]
+    lanes = {it.edge: len(it.lanes) for it in sections(concrete.road)}
+    lanes |= {it.ramp_edge: 1 for it in sections(concrete.road) if it.ramp_edge}
+    names = [*vehicles, *lanes, "along", *(f"along_{it}" for it in vehicles)]
+    names += [f"{edge}_{number}" for edge, count in lanes.items() for number in range(count)]
+    return SumoNames(names, suffix)

@@ -202,7 +202,7 @@ def _opened(
         # a policy may ask SUMO for lanes, so the network must have the lanes and names of the case
         asks = ads.is_policy
         return running(
-            shared_network_xml([concrete], ads_asks=asks),
+            shared_network_xml([concrete], own_lanes=asks),
             shared_routes_xml([concrete], settings, own_lanes=asks),
             settings,
             road,
@@ -371,12 +371,7 @@ def _kind(
         or not road.right_edge_at(ego.x) <= ego.y <= road.left_edge_at(ego.x)  # off the road
     ):
         return None
-    # a hook may ask SUMO for objects that a batch's network lacks: lanes that end or cross,
-    # vehicles placed on the map, vehicles against the road's direction
-    not_shown = road.shaped or any(
-        abs(it.heading) > 0.5 * pi or it.on_map is not None for it in concrete.actors
-    )
-    if manner.is_hook and (not_shown or crosses_itself(road.line, road.end, road.left_edge)):
+    if manner.is_hook and _needs_any_edge(concrete):
         return None
     lively = concrete.actors if concrete.lively else ()
     # settings that a case may change, but that must be equal in a batch: the vehicle, since a
@@ -394,6 +389,20 @@ def _kind(
         tuple([it.name for it in concrete.actors]) if manner.is_hook else (),
         shared,
     )  # fmt: skip
+
+
+def _needs_any_edge(concrete: ConcreteScenario) -> bool:
+    """Whether SUMO has to look for vehicles beside their routes (`Stage._tell_sections`): where
+    roads cross or lanes part from the road, and for vehicles that are placed on the map or point
+    against the road. In a batch with hooks, the edges of other cases are there as well.
+    """
+    road = concrete.road
+    return (
+        bool(road.crossings or (road.spans and road.line))
+        or any(span.parted_from < road.end for span in road.spans)
+        or any(abs(it.heading) > 0.5 * pi or it.on_map is not None for it in concrete.actors)
+        or crosses_itself(road.line, road.end, road.left_edge)
+    )
 
 
 def _drive_batch(batch: _Batch) -> Sequence[Recording | Alone]:

@@ -34,7 +34,12 @@ from sumo_eval.cosim.records import STRAIGHT
 from sumo_eval.cosim.sumo.insides import simulation_step, simulation_time, vehicles
 from sumo_eval.cosim.sumo.session import bend_tolerance, check_start
 from sumo_eval.cosim.sumo.shared_files import suffix, vehicle_names
-from sumo_eval.cosim.sumo.sumo_files import departure_speed
+from sumo_eval.cosim.sumo.sumo_files import (
+    departure_speed,
+    departures,
+    on_route,
+    vehicle_routes,
+)
 from sumo_eval.cosim.world import World
 from sumo_eval.errors import SimulationError
 from sumo_eval.scenario.concrete import ConcreteScenario
@@ -88,6 +93,8 @@ class Stage:
         # whether SUMO receives places on lanes: in a curve a place on the map costs it fifty times
         # the time
         self._on_lanes = self._bent and not as_read
+        # edges of each vehicle's route, on a road of several sections
+        self._routes = _routes(world, self.names) if as_read and road.spans else {}
         # Whether SUMO can move by itself the actors that only keep their speed: on a straight road,
         # where the actors' motion depends on time alone.
         quiet = as_read and not road.line and not any(case.lively for case in cases)
@@ -162,14 +169,18 @@ class Stage:
         sends = self.ads_asks or compares or world.may_leave(world.time + self._step)
         return (self._to_sumo if sends else 0), compares
 
-    def _move(self, number: int, x: float, y: float, angle: float, speed: float) -> None:
+    def _move(
+        self, number: int, x: float, y: float, angle: float, speed: float,
+        *, keep_route: int | None = None,
+    ) -> None:  # fmt: skip
         """Put the front bumper of a vehicle where it is on the map at the step's end.
 
-        x, y: m. angle: SUMO's, deg. speed: m/s.
+        x, y: m. angle: SUMO's, deg. speed: m/s. keep_route: None: as for all vehicles.
         """
         name = self._flat[number]
+        mode = self._keep_route if keep_route is None else keep_route
         self.calls.setSpeed(name, speed)
-        self.calls.moveToXY(name, self._edge[number], self._lane, x, y, angle, self._keep_route)
+        self.calls.moveToXY(name, self._edge[number], self._lane, x, y, angle, mode)
 
     def tell(self, world: World, count: int) -> None:
         """Hand the motion of this step to SUMO: `count` rows of `world.tell`."""
@@ -177,6 +188,9 @@ class Stage:
             return
         if self._on_lanes:
             self._tell_lanes(world, count)
+            return
+        if self._routes:
+            self._tell_sections(world, count)
             return
         set_speed = self.calls.setSpeed
         move = self.calls.moveToXY
@@ -210,6 +224,21 @@ class Stage:
             angle = STRAIGHT - math.degrees(body["map"]["heading"])
             number = row * self._width + j
             self._move(number, body["front_x"], body["front_y"], angle, body["speed"])
+
+    def _tell_sections(self, world: World, count: int) -> None:
+        """Hand over the motion of this step on a road of several sections.
+
+        SUMO looks for a vehicle's lane on its route. For a vehicle in a lane off its route, SUMO
+        has to look at all edges near it, and gives it another route. In a batch its row leaves:
+        the edges of all rows are at the same place.
+        """
+        for number, *motion in world.tell[:count, :5].tolist():
+            number = int(number)
+            is_on_route = on_route(self._road, self._routes[self._flat[number]], *motion[:2])
+            if not is_on_route and not self._alone:
+                world.leave(number // self._width, LEFT_BATCH)
+                continue
+            self._move(number, *motion, keep_route=_OWN_ROAD if is_on_route else _ANY_ROAD)
 
     def _tell_lanes(self, world: World, count: int) -> None:
         """Hand over the motion of this step on a curved road, as places on lanes.
@@ -357,6 +386,17 @@ class Stage:
         for name in (*self.names[world.case_of(row)], *shadows):
             with suppress(self.traci.TraCIException):  # SUMO may have removed it
                 self.traci.vehicle.remove(name)
+
+
+def _routes(world: World, names: Sequence[Sequence[str]]) -> dict[str, tuple[str, ...]]:
+    """The edges of each vehicle's route, by its name in SUMO."""
+    routes = {}
+    for case, settings, its_names in zip(world.cases, world.each, names, strict=True):
+        starts = departures(case, settings.vehicle.length, exact=True)
+        edges = vehicle_routes(case, starts)
+        for name, start in zip(its_names, starts, strict=True):
+            routes[name] = edges[start["route"]]
+    return routes
 
 
 def _addresses(

@@ -93,11 +93,16 @@ class Mixture:
         self.calls += 1
         vehicle = traci.vehicle
         beside = vehicle.getNeighbors(ego, 0b10) + vehicle.getNeighbors(ego, mode=0)
-        assert (ego in vehicle.getIDList(), vehicle.getRoadID(vehID=ego)) == (True, "road")
+        assert ego in vehicle.getIDList()
+        assert vehicle.getRoadID(vehID=ego).startswith("road")
         if self.calls % 2:
             return Command(-0.1 * len(beside))
         speed = vehicle.getSpeed(ego)
         return vehicle.setSpeed(ego, max(speed - 0.01 * sum(gap % 1.0 for _, gap in beside), 0.0))
+
+
+def turns_left(traci, ego, time):
+    return Command(0.0, 0.1 if time < 1.0 else 0.0)
 
 
 HOOKS = [
@@ -116,6 +121,24 @@ def test_hooks_are_the_same_together_and_alone(hook, scenario):
     why = reasons_to_leave(points(scenario, 6), hook)
     assert {reason.why for reason in why} <= {"left_batch"}, why
     assert scenario != "cut_in" or not why
+
+
+@pytest.mark.parametrize("scenario", ["cut_in_from_ramp", "making_room"])
+@pytest.mark.parametrize("hook", [sets_speeds, looks_where_it_is, Mixture])
+def test_hooks_stay_together_where_a_ramp_joins(hook, scenario):
+    assert not reasons_to_leave(points(scenario, 4), hook)
+
+
+@pytest.mark.parametrize("hook", [turns_left, moves])
+def test_hook_that_leaves_the_edges_of_its_ramp_is_driven_alone(hook):
+    why = reasons_to_leave(points("ramp_merge", 3), hook)
+    assert {reason.why: count for reason, count in why.items()} == {"left_batch": 3}
+
+
+@pytest.mark.parametrize("scenario", ["exit", "crossing_path", "oncoming_in_lane"])
+def test_hooks_are_alone_where_roads_part_or_cross(scenario):
+    why = reasons_to_leave(points(scenario, 2), brakes)
+    assert {reason.why: count for reason, count in why.items()} == {"not_together": 2}
 
 
 def test_hooks_stay_together_by_an_interpreted_loop(monkeypatch):
@@ -573,6 +596,15 @@ class AsksAll:
     def reset(self, briefing, traci, ego):
         vehicles = sorted(traci.vehicle.getIDList(), key=lambda name: name != ego)
         self.names = NAMES | {"vehicle": vehicles, "vehicletype": vehicles}
+        self.edge = traci.vehicle.getRoadID(ego)
+        if self.edge != "road":  # of a road with several sections
+            edges = sorted({edge for it in vehicles for edge in traci.vehicle.getRoute(it)})
+            count = traci.edge.getLaneNumber
+            self.names |= {
+                "edge": edges,
+                "lane": [f"{edge}_{lane}" for edge in edges for lane in range(count(edge))],
+                "route": [f"along_{it}" for it in vehicles],
+            }
         self.case, self.answers = (
             "-".join(f"{traci.vehicle.getSpeed(it):.17g}" for it in vehicles),
             [],
@@ -584,6 +616,7 @@ class AsksAll:
             answers += [f"{traci.vehicle.getIDList()} {traci.simulation.getTime()}"]
             for domain, names in self.names.items():
                 for call, arguments in getters(domain):
+                    arguments = [self.edge if it == "road" else it for it in arguments]
                     asleep = call in traci_view._OF_MODELS
                     for name in names[:1] if asleep else names:
                         answer = getattr(getattr(traci, domain), call)(name, *arguments)
@@ -600,9 +633,13 @@ class AsksAll:
     [((3, 2, 2), 5_000), in_campaign((256, 64, 64), 400_000)],
 )
 def test_every_getter_answers_a_row_as_it_does_alone(counts, least, tmp_path, monkeypatch):
-    """Of the ego and of one, two or three others, of a pedestrian and of those that react."""
+    """Of the ego and of one, two or three others, of a pedestrian, of those that react, and on a
+    road with a ramp.
+    """
     monkeypatch.setattr(AsksAll, "folder", str(tmp_path))
+    scenarios = "cut_in_from_ramp", "making_room", "ramp_merge", "lane_drop"
     cases, why = [*points("pedestrian_crossing", 1), *points("stop_and_go_stream", 1)], Counter()
+    cases += [points(name, 3)[-1] for name in scenarios]
     for actors, count in enumerate(counts, 1):
         for speed in np.linspace(12.0, 24.0, count).tolist():
             others = [

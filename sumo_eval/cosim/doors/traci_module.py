@@ -52,7 +52,8 @@ _SHARED = (MOTION - {"openGap"}) | {
 """Calls that an ADS in a batch may make for its ego: they concern no other case of the simulation,
 and none of them is `IGNORED`."""
 # Values of `keepRoute` of moveToXY: 1 keeps the vehicle on its route, 2 keeps its exact position,
-# also off the lanes, and 3 does both. In a case that is alone, 2 and 3 do the same.
+# also off the lanes, and 3 does both. On a road of one section, 2 and 3 do the same in a case that
+# is alone.
 _ON_ITS_ROUTE, _ANYWHERE, _ANYWHERE_ON_ITS_ROUTE = 1, 2, 3
 _AT_ONCE = 1000.0  # m/s across, at which SUMO changes lanes within a step
 _UNSET = 1.0  # m/s; SUMO's largest lateral speed, which no lane change has
@@ -183,6 +184,8 @@ class Guard:
         """
         modes = (_ON_ITS_ROUTE, _ANYWHERE, _ANYWHERE_ON_ITS_ROUTE)
         if len(args) != 6 or args[0] not in ("", "road") or args[5] not in modes:
+            self.leave()
+        if args[5] == _ANYWHERE and "road" not in self.names:  # a road of several sections
             self.leave()
         keep_route = _ANYWHERE_ON_ITS_ROUTE if args[5] == _ANYWHERE else args[5]
         return ("road", *args[1:5], keep_route)

@@ -15,15 +15,26 @@ Users: `cosim/doors/traci_module.py`, `cosim/episode_rows.py`, `cosim/on_traci.p
 """
 
 import functools
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
-from sumo_eval.cosim.sumo.sumo_files import EGO, departures, network_xml, vehicle_types
+from sumo_eval.cosim.sumo.sumo_files import (
+    EGO,
+    departures,
+    network_xml,
+    vehicle_routes,
+    vehicle_types,
+)
 from sumo_eval.scenario.bodies import VULNERABLE
 from sumo_eval.scenario.concrete import ConcreteScenario, Road
 from sumo_eval.settings import SimulationSettings
 
 _NEVER = 1e6  # s until SUMO's driver model decides something: beyond every time limit
+_LANE = re.compile(r"((?:road|ramp)\d*)(_\d+)")  # name of a lane: its edge, its number
+# names of edges, lanes and junctions in a network file, up to where a case's suffix belongs
+_NAMES = re.compile(r'(?<=[" ])(?:road|ramp|node)\d+|(?<=")(?:begin|end)(?=")')
+_SUFFIX = "\0"  # stands for the suffix of a case
 
 
 def suffix(case: int, count: int, *, ads_asks: bool = True) -> str:
@@ -37,12 +48,10 @@ def suffix(case: int, count: int, *, ads_asks: bool = True) -> str:
 
 def name_in_sumo(name: str, suffix: str) -> str:
     """The name in SUMO of a vehicle, type, edge or lane of a case; a lane keeps its number at the
-    end: `road~7~_0`.
+    end: `road~7~_0`, `ramp2~7~_0`.
     """
-    edge, line, lane = name.rpartition("_")
-    if edge == "road" and lane.isdigit():
-        return f"{edge}{suffix}{line}{lane}"
-    return f"{name}{suffix}"
+    lane = _LANE.fullmatch(name)
+    return f"{lane[1]}{suffix}{lane[2]}" if lane else f"{name}{suffix}"
 
 
 def vehicle_names(cases: Sequence[ConcreteScenario], *, ads_asks: bool) -> list[list[str]]:
@@ -96,16 +105,26 @@ def shadow_name(name: str) -> str:
     return f"{name}.shadow"
 
 
-def shared_network_xml(cases: Sequence[ConcreteScenario], *, ads_asks: bool = False) -> str:
-    """A network with a road for each case, all between the same two junctions.
+def shared_network_xml(
+    cases: Sequence[ConcreteScenario], *, own_lanes: bool = False, ads_asks: bool = False
+) -> str:
+    """A network with a road for each case, all between the same two junctions, unless the road has
+    several sections: then each case has all of them, and junctions of its own.
 
-    ads_asks: every road has all its lanes.
+    own_lanes: every road has all its lanes, throughout.
+    ads_asks: every road has all its lanes and sections.
     """
-    road = plain(cases[0].road)  # the cases of a batch have equal roads
+    road = cases[0].road  # the cases of a batch have equal roads
+    if ads_asks and road.spans:
+        head, sections, tail = _marked(road)
+        endings = (suffix(case, len(cases)) for case in range(len(cases)))
+        return "".join([head, *(sections.replace(_SUFFIX, it) for it in endings), tail])
+    road = plain(road)
     edges, lanes = [], []
     for case, concrete in enumerate(cases):
         name = f"road{suffix(case, len(cases), ads_asks=ads_asks)}"
-        head, edge, tail = _parts(road, not ads_asks and fits_one_lane(concrete))
+        one_lane = not (own_lanes or ads_asks) and fits_one_lane(concrete)
+        head, edge, tail = _parts(road, one_lane)
         edges.append(edge.replace('"road', f'"{name}'))
         lanes += [f"{name}_{lane}" for lane in range(edge.count("<lane "))]
     # the end junction lists the lanes of one road: list the lanes of all roads instead
@@ -118,6 +137,16 @@ def plain(road: Road) -> Road:
     end, as the harness moves the vehicles.
     """
     return replace(road, spans=(), crossings=()) if road.shaped else road
+
+
+@functools.lru_cache(maxsize=64)
+def _marked(road: Road) -> tuple[str, str, str]:
+    """The text of a road's network in three parts: before its first edge, its edges, junctions and
+    connections, the end. In the second part `_SUFFIX` stands in each name.
+    """
+    head, opening, rest = network_xml(road).partition("  <edge ")
+    sections, closing, end = rest.rpartition("</net>")
+    return head, _NAMES.sub(rf"\g<0>{_SUFFIX}", opening + sections), closing + end
 
 
 @functools.lru_cache(maxsize=64)
@@ -143,8 +172,8 @@ def shared_routes_xml(
 ) -> str:
     """Vehicle types, routes and departures of all cases.
 
-    own_lanes: the network is one with `ads_asks`, so vehicles depart in their own lanes.
-    ads_asks: as `own_lanes`; also SUMO's driver model of the ego is on, and every vehicle has a
+    own_lanes: as of the network: vehicles depart in their own lanes.
+    ads_asks: as of the network; also SUMO's driver model of the ego is on, and every vehicle has a
         type of its own.
     """
     # names of types by their attributes: vehicles that differ in nothing share a type
@@ -155,13 +184,13 @@ def shared_routes_xml(
     own_lanes = own_lanes or ads_asks
     for case, concrete in enumerate(cases):
         ending = suffix(case, count, ads_asks=ads_asks)
-        route = f"along{ending}" if ads_asks else f"along{case}"
-        others.append(_element("route", {"id": route, "edges": f"road{ending}"}))
         vehicle = concrete.simulation(settings).vehicle
-        starts = departures(
-            replace(concrete, road=plain(concrete.road)), vehicle.length,
-            one_lane=not own_lanes and fits_one_lane(concrete), exact=ads_asks,
-        )  # fmt: skip
+        shown = concrete if ads_asks else replace(concrete, road=plain(concrete.road))
+        one_lane = not own_lanes and fits_one_lane(concrete)
+        starts = departures(shown, vehicle.length, one_lane=one_lane, exact=ads_asks)
+        for route, edges in vehicle_routes(shown, starts).items():
+            in_sumo = " ".join(f"{edge}{ending}" for edge in edges)
+            others.append(_element("route", {"id": f"{route}{ending}", "edges": in_sumo}))
         described = zip(vehicle_types(concrete, vehicle), starts, strict=True)
         for index, (kind, departure) in enumerate(described):
             name = names[case][index]
@@ -174,11 +203,14 @@ def shared_routes_xml(
                 kind["id"] = type_name = name
             elif count > 1:
                 type_name = f"type{len(types)}"
-            own = {"type": types.setdefault((*kind.items(),), type_name), "route": route}
+            departure |= {
+                "type": types.setdefault((*kind.items(),), type_name),
+                "route": f"{departure['route']}{ending}",
+            }
             ids = [name]
             if not ads_asks and has_shadow(concrete, index):
                 ids.append(shadow_name(name))
-            others += [_element("vehicle", {**departure, "id": it, **own}) for it in ids]
+            others += [_element("vehicle", departure | {"id": it}) for it in ids]
     kinds = [_element("vType", {"id": name, **dict(kind)}) for kind, name in types.items()]
     return "\n".join(
         ['<?xml version="1.0" encoding="UTF-8"?>', "<routes>", *kinds, *others, "</routes>", ""]

@@ -103,13 +103,24 @@ def vehicle_edges(
     y, goal: m; goal None: y.
     first: number of the section in which the vehicle starts.
     """
-    if road.network is not None:
-        return road_edges(road)
     start, later = lane_at(road, y), lane_at(road, y if goal is None else goal)
     return tuple(
         section.ramp_edge if section.ramp == (later if number > first else start) else section.edge
         for number, section in enumerate(sections(road))
     )
+
+
+def on_route(road: Road, route: Sequence[str], x: float, y: float) -> bool:
+    """Whether the lane at a place is on a route of a straight road; beyond the road's end: true.
+
+    x, y: m. route: `vehicle_edges`.
+    """
+    lane = lane_at(road, y)
+    for section, edge in zip(sections(road), route, strict=True):
+        if x <= section.end:
+            is_ramp = edge == section.ramp_edge
+            return lane == section.ramp if is_ramp else lane in section.lanes
+    return True
 
 
 def document(root: Any) -> str:
@@ -338,26 +349,34 @@ def routes_xml(
     for attributes in vehicle_types(concrete, vehicle, ego_type):
         etree.SubElement(root, "vType", attributes)
     starts = departures(concrete, vehicle.length, exact=True)
-    routes = set()
-    for attributes, (start, goal) in zip(starts, _goals(concrete), strict=True):
+    routes = vehicle_routes(concrete, starts)
+    for attributes in starts:
         route = attributes["route"]
-        first = int(attributes.get("departEdge", "0"))
-        if route not in routes:
-            edges = " ".join(vehicle_edges(concrete.road, start, goal, first))
-            etree.SubElement(root, "route", id=route, edges=edges)
-            routes.add(route)
+        if edges := routes.pop(route, ()):
+            etree.SubElement(root, "route", id=route, edges=" ".join(edges))
         etree.SubElement(root, "vehicle", attributes)
     return document(root)
 
 
-def _goals(concrete: ConcreteScenario) -> list[tuple[float, float | None]]:
-    """y of each vehicle at its start, m, and after all its lane changes, None without any; the ego
-    first.
+def vehicle_routes(
+    concrete: ConcreteScenario, starts: Sequence[Attributes]
+) -> dict[str, tuple[str, ...]]:
+    """The edges of the vehicles' routes by the routes' names.
+
+    starts: the vehicles' `departures`.
     """
+    road = concrete.road
+    if not road.spans:
+        return {"along": road_edges(road)}
     way, y = concrete.ego.way, concrete.ego.y
-    return [(y, None if way is None else y + way.offset)] + [
+    # y at the start, m, and after all lane changes, None without any
+    goals = [(y, None if way is None else y + way.offset)] + [
         (it.start.y, it.y(math.inf) if it.lateral_moves else None) for it in concrete.actors
     ]
+    return {
+        it["route"]: vehicle_edges(road, begin, goal, int(it.get("departEdge", "0")))
+        for it, (begin, goal) in zip(starts, goals, strict=True)
+    }
 
 
 def vehicle_types(
