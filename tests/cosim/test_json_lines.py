@@ -225,3 +225,9 @@ def test_a_program_that_may_not_be_executed_is_refused_with_the_remedy(tmp_path)
     (tmp_path / "mine.py").write_text("print('{}')\n")
     with refused("the file `./mine.py` must be executable; `chmod +x` makes it so"):
         simulate(case(), "exec:./mine.py --fast", folder=tmp_path)
+
+
+def test_a_file_named_as_a_program_is_refused_with_the_locator_meant(tmp_path):
+    (tmp_path / "mine.py").write_text("print('{}')\n")
+    with refused("that can be run. Is it `./mine.py`, or `exec:python3 mine.py --fast`?"):
+        simulate(case(), "exec:mine.py --fast", folder=tmp_path)

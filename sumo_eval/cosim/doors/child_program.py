@@ -53,7 +53,9 @@ def checked_command(command: str, folder: Path, scheme: str) -> tuple[str, ...]:
                 f"{owner}: the file `{program}` must be executable; `chmod +x` makes it so, or "
                 f"name what runs it, e.g. `{scheme}:python3 {command}`."
             )
-        raise InputError(f"{owner}: there is no program `{program}` that can be run.")
+        is_file = os.path.isfile(os.path.join(folder, program))
+        hint = f" Is it `./{program}`, or `{scheme}:python3 {command}`?" if is_file else ""
+        raise InputError(f"{owner}: there is no program `{program}` that can be run.{hint}")
     return words
 
 
