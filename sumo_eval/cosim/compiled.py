@@ -150,9 +150,9 @@ class Compiled:
 
     def reset(self, scenario: Any, traci: Any, ego: str) -> None:
         """Begin a case that is driven through TraCI."""
-        self._scenario = described(
-            scenario.road, [scenario.vehicle], SimulationSettings(step=scenario.step)
-        )
+        # the interval is not used, but must be whole steps
+        settings = SimulationSettings(step=scenario.step, record_interval=scenario.step)
+        self._scenario = described(scenario.road, [scenario.vehicle], settings)
         self._line = scenario.road.line
         self._way = scenario.way
         self._along: FloatArray | None = None

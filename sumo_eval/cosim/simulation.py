@@ -116,7 +116,6 @@ def simulate(
     a step that took too long, "sim_error" after a fault of SUMO.
     """
     settings = concrete.simulation(settings or USUAL)  # with the case's own changes
-    _check_intervals(settings)
     ads = load_controller(controller, folder)
     every = _steps_per_call(controller, period, settings)
     began = clock.perf_counter()
@@ -216,28 +215,6 @@ def _opened(
     return session(concrete, settings, ego_type)
 
 
-def _check_intervals(settings: SimulationSettings) -> None:
-    """Raise InputError unless `step` is in whole milliseconds and `record_interval` in whole
-    steps.
-    """
-    milliseconds = settings.step * 1000.0
-    if round(milliseconds) < 1 or abs(milliseconds - round(milliseconds)) > 1e-6:
-        raise must_be(
-            "`step`",
-            "the simulation",
-            "a whole number of milliseconds (SUMO rounds it)",
-            settings.step,
-        )
-    ratio = settings.record_interval / settings.step
-    if round(ratio) < 1 or abs(ratio - round(ratio)) > 1e-9:
-        raise must_be(
-            "`record_interval`",
-            "the simulation",
-            f"a multiple of `step` ({settings.step:g} s)",
-            settings.record_interval,
-        )
-
-
 # -- many ------------------------------------------------------------------------------------------
 
 
@@ -286,7 +263,6 @@ def simulate_together(
         on its batch).
     """
     basis = settings or USUAL
-    _check_intervals(basis)
     seeds, terms = seeds or [0] * len(cases), terms or Terms()
     if isinstance(controller, list | tuple):
         if len(controller) != len(cases):

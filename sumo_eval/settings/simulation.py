@@ -240,3 +240,25 @@ class SimulationSettings(Checked):
     conditions: ConditionSettings = ConditionSettings()
     tracker: TrackerSettings = TrackerSettings()
     plant: PlantSettings | None = optional("an FMU as vehicle model of the ADSs under test")
+
+    def __post_init__(self) -> None:
+        """Raise InputError unless `step` is in whole milliseconds and `record_interval` in whole
+        steps.
+        """
+        Checked.__post_init__(self)
+        milliseconds = self.step * 1000.0
+        if round(milliseconds) < 1 or abs(milliseconds - round(milliseconds)) > 1e-6:
+            raise must_be(
+                "`step`",
+                "the simulation",
+                "a whole number of milliseconds (SUMO rounds it)",
+                self.step,
+            )
+        ratio = self.record_interval / self.step
+        if round(ratio) < 1 or abs(ratio - round(ratio)) > 1e-9:
+            raise must_be(
+                "`record_interval`",
+                "the simulation",
+                f"a multiple of `step` ({self.step:g} s)",
+                self.record_interval,
+            )

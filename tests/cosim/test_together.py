@@ -479,9 +479,8 @@ class TakesOver(CarefulDriver):
 
 def test_a_baseline_that_begins_later_keeps_the_lane_it_is_in():
     curve = replace(ROAD, line=(arc(400.0, 500.0),), run_out=0.0)
-    found = simulate(
-        replace(case(y=3.5), road=curve), TakesOver, SimulationSettings(time_limit=6.0)
-    )
+    settings = SimulationSettings(step=0.04, record_interval=0.08, time_limit=6.0)
+    found = simulate(replace(case(y=3.5), road=curve), TakesOver, settings)
     assert_ended(found)
     assert found.ego.y == pytest.approx(3.5, abs=0.1)
 

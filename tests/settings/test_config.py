@@ -87,6 +87,7 @@ name = "mine" | name = "~ideal" | must not begin with `~`
 name = "mine" | name = "" | `ads[0].name` in
 [drivers] | [[ads]]\nname = "mine"\ncontroller = "idm"\n[drivers]
 | must differ from each other, got 'mine' twice
+[run] | [simulation]\nstep = 0.0333\n[run] | `step` of the simulation must be a whole number of
 """),
         ('name = "nightly"', "", "`name` in"),
         ('name = "nightly"', "name = ", "is not valid TOML"),
