@@ -71,8 +71,8 @@ def load(name: str) -> LogicalScenario:
     plain, options = options_of(name)
     files = scenario_files()
     if plain not in files:
-        _, dot, ending = plain.rpartition(".")
-        if not dot or ending == "toml":  # a name, or a TOML file, which only `find` reads
+        ending = Path(plain).suffix[1:]
+        if ending in ("", "toml"):  # a name, or a TOML file, which only `find` reads
             raise unknown("logical scenario", plain, files)
         # this package reads .xosc itself: an installation older than that reader lacks the entry
         own = " It is one of sumo_eval's own: `pip install -e .` once more."

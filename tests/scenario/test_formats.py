@@ -92,6 +92,11 @@ def test_an_ending_that_nothing_reads_is_refused(tmp_path):
         catalogue.find("slow.lead", tmp_path)
 
 
+def test_path_without_an_ending_is_an_unknown_name(tmp_path):
+    with refusal(r"^Unknown logical scenario `\.\./slow_lead`\. "):
+        catalogue.find("../slow_lead", tmp_path)
+
+
 def test_own_format_without_entry_point_names_the_mend(tmp_path, monkeypatch):
     monkeypatch.setattr(formats, "_readers", dict)
     with refusal(r"no installed package reads `\.xosc` files.*`pip install -e \.` once more"):
