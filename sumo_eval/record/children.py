@@ -183,6 +183,10 @@ def _begin_forkserver() -> None:
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
         multiprocessing.forkserver.ensure_running()
+    except OSError as error:  # its socket lies in TMPDIR, under a path of about 100 characters
+        raise InputError(
+            f"No child process can be started: {said(error)}. Is TMPDIR a short path?"
+        ) from error
     finally:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
 

@@ -111,6 +111,14 @@ def test_a_full_device_behind_stderr_does_not_end_a_run(folder):
     assert "front_vehicle_low_speed" in done.stdout
 
 
+@pytest.mark.skipif(sys.platform != "linux", reason="elsewhere there is no fork server")
+def test_a_long_path_of_temporary_files_is_refused(tmp_path):
+    (tmp_path / ("x" * 100)).mkdir()
+    variables = os.environ | {"TMPDIR": str(tmp_path / ("x" * 100))}
+    done = in_a_process("check", "idm", env=variables)
+    assert (done.returncode, "Is TMPDIR a short path?" in done.stderr) == (2, True), done.stderr
+
+
 @pytest.mark.skipif(os.name != "posix" or os.geteuid() == 0, reason="nothing is closed to root")
 def test_a_read_only_folder_is_refused(folder):
     (folder / "closed").mkdir(mode=0o500)
