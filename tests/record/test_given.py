@@ -196,6 +196,12 @@ def test_code_that_cannot_be_pickled_is_named(tmp_path, monkeypatch):
 def test_two_of_one_name_cannot_be_told_apart(tmp_path):
     with refusal("must differ from each other, got 'idm' twice"):
         sumo_eval.evaluate(EVALUATION, tmp_path / "run", ads=["idm", AdsSettings("idm", "idm")])
+    pair = [lambda _: 0.0, lambda _: -1.0]
+    with refusal(r"got 'lambda' twice. Name each in the evaluation, a dict: "):
+        resolve(EVALUATION, tmp_path / "run", False, pair)
+    named = [{"name": f"by {-k} m/s2", "controller": it} for k, it in enumerate(pair)]
+    entries = resolve({**EVALUATION, "ads": named}, tmp_path / "run", False).settings.ads
+    assert len({entry.controller for entry in entries}) == 2
 
 
 @pytest.mark.parametrize("single", ["idm", Acc])
