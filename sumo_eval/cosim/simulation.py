@@ -78,8 +78,9 @@ SORTED_AT_ONCE = 4096
 # caches
 TOGETHER = 512
 HOOKS_TOGETHER = 128  # cases of a hook in one simulation: fewer, as SUMO moves all their vehicles
-# Cases of a hook that are also driven alone and compared: its first ones, where kept state usually
-# shows, and a share of each batch, which finds state that shows later.
+# Cases of a hook, or of a policy that changes state, that are also driven alone and compared: its
+# first ones, where kept state usually shows, and a share of each batch, which finds state that
+# shows later.
 _COMPARED_FIRST, _COMPARED_LATER = 3, 0.01  # cases; share of a batch's cases
 
 USUAL = SimulationSettings()  # the defaults, validated once and not for every case
@@ -387,11 +388,13 @@ def _drive_batch(batch: _Batch) -> Sequence[Recording | Alone]:
     Some cases of a hook, or of a policy that keeps state, are driven alone as well and compared.
     """
     code, is_hook = batch.manners[0].code, batch.manners[0].is_hook
+    # before a policy's objects are made, as these may change state, too; `_manner` has made one
+    before = None if code is None or is_hook else kept_state(code)
     control = _control([manner.make() for manner in batch.manners], batch.seeds, batch.terms)
     if code is None:
         return _together(batch, control)
     if code not in _KEEPS_STATE:
-        before = kept_state(code)  # after the controllers are made
+        before = before or kept_state(code)  # some drives of a hook are compared in any case
         drives = _together(batch, control)
         changed = first_change(before, kept_state(code))
         if is_hook:
@@ -573,14 +576,12 @@ def _difference(batch: _Batch, drives: list[Recording | Alone]) -> str | None:
 def _compared_cases(manner: _Manner, drives: Sequence[Recording | Alone]) -> Sequence[int]:
     """Indices of the cases to compare, spread evenly over a batch; counts them in `_COMPARED`.
 
-    They are the first few cases of this code, and of a hook also a share of each batch.
+    They are the first few cases of this code, and a share of each batch.
     """
     batched = [index for index, drive in enumerate(drives) if isinstance(drive, Recording)]
     compared = _COMPARED.get(manner.code, 0)
-    share = max(round(_COMPARED_LATER * len(batched)), 1) if manner.is_hook else 0
+    share = max(round(_COMPARED_LATER * len(batched)), 1)
     count = max(_COMPARED_FIRST - compared, share)
-    if not count:
-        return []
     indices = batched[:: max(len(batched) // count, 1)][:count]
     _COMPARED[manner.code] = compared + len(indices)
     return indices

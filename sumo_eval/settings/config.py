@@ -167,7 +167,7 @@ def check_evaluation(settings: EvaluationSettings, where: object, *, own_ads: bo
             )
         if double := doubled(names):
             # ADSs that Python code gives are named by their class or function
-            how = """ Name each in the evaluation, a dict: `"ads": [{"name": "a", "controller": A}]`."""
+            how = ' Name each in the evaluation, a dict: `"ads": [{"name": "a", "controller": A}]`.'
             raise InputError(
                 f"{what} in {where} must differ from each other, got {double[0]!r} twice."
                 f"{how if where == '`ads`' else ''}"

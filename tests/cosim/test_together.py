@@ -308,6 +308,48 @@ class Remembers:
         return -LAST.setdefault(-1.0, 1.0)
 
 
+class Counted:
+    """Each object brakes by its number."""
+
+    number = 0
+
+    def __init__(self):
+        Counted.number += 1
+        self.own = Counted.number
+
+    def act(self, seen):
+        return -0.01 * self.own
+
+
+def test_state_that_objects_change_as_they_are_made_is_named():
+    why = Counter()
+    list(simulate_many(points("cut_in", 301), Counted, DECIDED, alone=why))
+    (reason,) = why
+    assert reason.why == "keeps_state"
+    assert str(reason).count("Counted") == 1
+
+
+LATE = {"drives": 0, "speed": 0.0}
+
+
+class Late:
+    """From its hundredth drive on, it brakes by the speed that it saw last, in whichever case."""
+
+    def reset(self, scenario):
+        LATE["drives"] += 1
+
+    def act(self, seen):
+        last, LATE["speed"] = LATE["speed"], seen.ego.speed
+        return -0.1 * last if LATE["drives"] > 100 else 0.0
+
+
+def test_state_that_shows_after_the_first_batches_is_named():
+    why = Counter()
+    for _ in range(5):  # 21 cases each
+        list(simulate_many(points("cut_in", 97), Late, SHORT, alone=why))
+    assert [reason.why for reason in why] == ["keeps_state"]
+
+
 @pytest.mark.parametrize("ads, number", [(Forgets, 7), (Remembers, 0)])
 def test_a_policy_whose_shared_state_matters_drives_alone(ads, number):
     cases, why = points("cut_in", 301), Counter()
