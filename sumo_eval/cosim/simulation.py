@@ -463,9 +463,7 @@ def _manner(
         return _Manner(id(policy), lambda: shared, over_arrays=True)
     if one_case:
         return _Manner(type(ads), lambda: ads)
-    if not _gives_fresh_objects(user_code):
-        return _alone(ONE_OBJECT)
-    if reason := _keeps_state(user_code):
+    if reason := _bound(user_code):
         return _alone(reason)
     return _Manner(type(ads), lambda: wrap(make()), code=user_code)
 
@@ -478,14 +476,12 @@ def _manner_of_hook(user_code: Any, ads: Adapter, make: Callable[[], Adapter]) -
     own_type = getattr(user_code, "vehicle_type", None)
     if own_type is not None or not isinstance(ads, ObjectController):
         return _alone(ON_TRACI)
-    if not _gives_fresh_objects(user_code):
-        return _alone(ONE_OBJECT)
+    if reason := _bound(user_code):
+        return _alone(reason)
     if reaches_libsumo(user_code, ads.target):
         return _alone(ON_TRACI)
     if getattr(user_code, "batch", True) is False:
         return _alone(Alone("asked", "batch = False"))
-    if reason := _keeps_state(user_code):
-        return _alone(reason)
     return _Manner(ObjectController, make, code=user_code, is_hook=True)
 
 
@@ -494,14 +490,15 @@ def _alone(reason: Alone) -> _Manner:
     return _Manner(None, lambda: None, reason)
 
 
-def _gives_fresh_objects(user_code: Any) -> bool:
-    """Whether the user's code is a class or a function: each case gets an object of its own."""
-    return inspect.isclass(user_code) or inspect.isfunction(user_code)
+def _bound(user_code: Any) -> Alone | None:
+    """Why the cases of an ADS may depend on each other, so that each is driven alone; None: they do
+    not.
 
-
-def _keeps_state(user_code: Any) -> Alone | None:
-    """Reason to drive an ADS alone that an earlier batch has shown to keep state."""
-    return _KEEPS_STATE.get(user_code) if _gives_fresh_objects(user_code) else None
+    One object serves them all, or an earlier batch has shown that the class or function, of which
+    each case gets an object of its own, keeps state.
+    """
+    is_fresh = inspect.isclass(user_code) or inspect.isfunction(user_code)
+    return _KEEPS_STATE.get(user_code) if is_fresh else ONE_OBJECT
 
 
 def _asks_traci(target: Any) -> bool:
