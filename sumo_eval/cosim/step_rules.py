@@ -132,9 +132,7 @@ def _tell(tell: Any, count: int, number: int, body: Any, line: Any, along: float
     near = body.x + 0.5 * body.length  # m, near its front: where the search along the line begins
     s, d = to_frame(line, body.front_x, body.front_y, body.map.heading, near)[:2]
     angle = STRAIGHT - body.map.heading * DEGREES
-    values = float(number), body.front_x, body.front_y, angle, body.speed, s, d, along
-    for k, value in enumerate(values):
-        tell[count, k] = value
+    tell[count] = float(number), body.front_x, body.front_y, angle, body.speed, s, d, along
     return count + 1
 
 
