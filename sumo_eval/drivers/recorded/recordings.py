@@ -30,6 +30,7 @@ from pandas import DataFrame, Series, concat
 
 from sumo_eval.drivers.recorded.importers.tables import (
     IDENTIFIERS,
+    TRACK,
     add_motion,
     check_motion,
     in_order,
@@ -48,7 +49,6 @@ COLUMNS = (
     "width", "class",
     "lane", "steering",
 )  # fmt: skip
-_TRACK = ["recording", "vehicle"]  # columns that name one
 NUMBERS = ("t", "x", "y", "heading", "speed", "acceleration", "length", "width", "lane")
 INTERVAL = 0.1  # s between samples
 SMOOTHED = 11  # samples, 1 s, over which speeds and lateral positions are smoothed
@@ -76,7 +76,7 @@ class Recordings(NamedTuple):
     @property
     def vehicles(self) -> int:
         """Number of tracks."""
-        return self.table.groupby(_TRACK).ngroups
+        return self.table.groupby(TRACK).ngroups
 
 
 def canonical(table: DataFrame, notes: Sequence[str] = ()) -> Recordings:
@@ -86,9 +86,9 @@ def canonical(table: DataFrame, notes: Sequence[str] = ()) -> Recordings:
     table: `recording`, `vehicle`, `t`, `x`, `y`, `heading`, `speed`, `length`, `width`, `class`,
         `lane`; `acceleration`, `driver` and `steering` may be missing.
     """
-    rows, doubled = in_order(table.astype(dict.fromkeys(_TRACK, str)))
+    rows, doubled = in_order(table.astype(dict.fromkeys(TRACK, str)))
     back = _goes_back(rows)
-    oncoming = rows[back].groupby(_TRACK).ngroups
+    oncoming = rows[back].groupby(TRACK).ngroups
     parts, holes, too_short = _even_tracks(_checked(rows[~back]))
     # numbers by the words that follow them in a note
     counted = {
@@ -112,16 +112,16 @@ def _goes_back(table: DataFrame) -> Series[bool]:
 
     table: sorted.
     """
-    x = table.groupby(_TRACK, sort=False)["x"]
+    x = table.groupby(TRACK, sort=False)["x"]
     return x.transform("first") - x.transform("last") > BACK
 
 
 def _even_tracks(rows: DataFrame) -> tuple[list[DataFrame], int, int]:
     """Tracks on the clock, number of holes, and number of tracks too short for the clock."""
-    vehicle = [rows[name] for name in _TRACK]
+    vehicle = [rows[name] for name in TRACK]
     hole = rows["t"].groupby(vehicle).diff() > LONGEST_HOLE + 1e-6
     names = numbered(rows["vehicle"], hole.groupby(vehicle).cumsum())
-    pieces = rows.assign(vehicle=names).groupby(_TRACK, sort=False)
+    pieces = rows.assign(vehicle=names).groupby(TRACK, sort=False)
     tracks = [even for _, piece in pieces if (even := _on_the_clock(piece)) is not None]
     return tracks, hole.sum(), pieces.ngroups - len(tracks)
 
@@ -199,7 +199,7 @@ def read_csv(path: Path) -> Recordings:
     add_motion(table, ("heading", "speed", "acceleration"), str(path))
     if "lane" not in table:
         table["lane"] = np.round(table["y"] / STANDARD_LANE).astype(np.int64)
-    for name in _TRACK:
+    for name in TRACK:
         table[name] = table[name].map(from_cell)
     table["lane"] = table["lane"].astype(np.int64)
     if _is_canonical(table):
@@ -260,6 +260,6 @@ def _is_canonical(table: DataFrame) -> bool:
     """Whether every track has several samples, all on the clock, without holes, and drives on."""
     frame = (table["t"] / INTERVAL).round()
     on_clock = (table["t"] - frame * INTERVAL).abs() < 1e-6
-    steps = frame.groupby([table[name] for name in _TRACK], sort=False).diff()
-    several = table.duplicated(_TRACK, keep=False)
+    steps = frame.groupby([table[name] for name in TRACK], sort=False).diff()
+    several = table.duplicated(TRACK, keep=False)
     return bool((on_clock & several & (steps.fillna(1) == 1)).all() and not _goes_back(table).any())

@@ -18,6 +18,7 @@ from pandas import DataFrame, Index, isna
 from sumo_eval.drivers.recorded.events import Events, extract_events
 from sumo_eval.drivers.recorded.importers.tables import (
     DRIVER,
+    TRACK,
     check_motion,
     make_numbers,
     read_table,
@@ -102,7 +103,7 @@ def _recorded(paths: tuple[Path, ...], changed: tuple[int, ...]) -> People:
     """
     recordings = import_recordings(OWN, paths)
     table = recordings.table
-    tracks: Any = dict(iter(table.groupby(["recording", "vehicle"])))
+    tracks: Any = dict(iter(table.groupby(TRACK)))
     centres: Any = table.groupby(["recording", "lane"])["y"].median().to_dict()
     return People(recordings, extract_events(recordings), tracks, centres)
 

@@ -12,8 +12,6 @@ Users: `drivers/recorded/importing.py`.
 
 from __future__ import annotations
 
-import gzip
-import lzma
 import math
 import struct
 from collections.abc import Iterator
@@ -25,6 +23,7 @@ import numpy as np
 from pandas import DataFrame, Series, to_numeric
 
 from sumo_eval.drivers.recorded.importers.tables import (
+    COMPRESSED,
     Samples,
     make_numbers,
     reading,
@@ -123,7 +122,7 @@ def _trace(path: Path) -> Iterator[tuple[str, bytes]]:
 
     What they are is in the file's name, as OSI asks: `_sv_` or `_gt_`.
     """
-    opened: Any = {".gz": gzip.open, ".xz": lzma.open}.get(path.suffix, open)
+    opened = COMPRESSED.get(path.suffix, open)
     kind = _SENSOR_VIEW if "_sv_" in path.name else "GroundTruth"
     with opened(path, "rb") as file:
         while header := file.read(4):

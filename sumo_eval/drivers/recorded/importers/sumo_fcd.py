@@ -9,7 +9,6 @@ Users: `drivers/recorded/importing.py`.
 """
 
 import gzip
-from contextlib import ExitStack
 from pathlib import Path
 
 import numpy as np
@@ -96,12 +95,9 @@ def _from_csv(path: Path) -> DataFrame:
 def _from_xml(path: Path) -> DataFrame:
     rows = []
     opening = gzip.open if path.suffix == ".gz" else open
-    with reading(path), ExitStack() as opened:
+    with reading(path), opening(input_file(path, "file"), "rb") as file:
         for _, step in etree.iterparse(
-            opened.enter_context(opening(input_file(path, "file"), "rb")),
-            tag="timestep",
-            resolve_entities=False,
-            no_network=True,
+            file, tag="timestep", resolve_entities=False, no_network=True
         ):
             for item in step.iterchildren("vehicle", "person", "container"):
                 rows.append(dict(item.attrib, time=step.get("time"), row=item.sourceline))

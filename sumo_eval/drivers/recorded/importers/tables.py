@@ -33,7 +33,8 @@ LARGEST = 2.0**53
 
 # columns that are text even where all are digits: 007 is not 7
 DRIVER = {"driver": str}  # whose cells may be empty: not every driver is known
-IDENTIFIERS = {"recording": str, "vehicle": str, **DRIVER}
+TRACK = ["recording", "vehicle"]  # columns that name a track
+IDENTIFIERS = dict.fromkeys(TRACK, str) | DRIVER
 
 # m, and m/s: a step that is longer than the first and its time at the second together is a jump to
 # another vehicle, unless the track is usually that fast
@@ -45,7 +46,8 @@ SPEEDS_AGREE = 0.67, 1.5  # median of `speed` over that of steps; km/h are 3.6, 
 STEP = 1.0  # m; a longer step shows its course, a shorter one the noise of positions
 HEADING_SHARE = 0.99  # of these steps, whose course is near the heading
 HEADING_LIMIT = 0.5  # rad; a course at most this far from the heading is near it
-_COMPRESSED: Any = {".gz": gzip.open, ".bz2": bz2.open, ".xz": lzma.open}
+COMPRESSED: Any = {".gz": gzip.open, ".bz2": bz2.open, ".xz": lzma.open}
+"""Functions that open a compressed file, by its ending."""
 _UNREADABLE = OSError, EOFError, UnicodeDecodeError, csv.Error, zlib.error, lzma.LZMAError
 WHOLE = {"lane", "Lane_ID", "Vehicle_ID", "id", "trackId"}  # columns of whole numbers
 
@@ -188,11 +190,11 @@ def in_order(table: DataFrame) -> tuple[DataFrame, list[str]]:
 
     Of samples of a vehicle at one time the first stays. A track is split where it jumps.
     """
-    keys = ["recording", "vehicle", "t"]
+    keys = [*TRACK, "t"]
     rows = table.sort_values(keys, kind="stable", ignore_index=True)
     double = rows.duplicated(keys)
     rows = rows[~double].reset_index(drop=True)
-    track = [rows[name] for name in keys[:2]]
+    track = [rows[name] for name in TRACK]
     moved, seconds = _steps(rows)
     usual = (moved / seconds).groupby(track).transform("median")  # speed of the track, m/s
     jump = moved > JUMP + np.maximum(JUMP_SPEED, 3.0 * usual) * seconds
@@ -214,7 +216,7 @@ def numbered(vehicle: Series[str], before: Series[Any]) -> Series[str]:
 
 def _steps(table: DataFrame, samples: int = 1) -> tuple[Series[float], Series[float]]:
     """Distance, m, and time, s, to each row from the row `samples` before it in its track."""
-    steps: Any = table.groupby(["recording", "vehicle"], sort=False)[["t", "x", "y"]].diff(samples)
+    steps: Any = table.groupby(TRACK, sort=False)[["t", "x", "y"]].diff(samples)
     return np.hypot(steps["x"], steps["y"]), steps["t"]
 
 
@@ -223,7 +225,7 @@ def check_motion(table: DataFrame) -> None:
 
     table: recording, vehicle, t, x, y and what is known of speed and heading, by vehicle and time.
     """
-    sizes = table.groupby(["recording", "vehicle"]).size()
+    sizes = table.groupby(TRACK).size()
     # a step spans as many samples as `CHORD` lasts, but not more than a usual track has
     in_chord = CHORD / np.nan_to_num(_steps(table)[1].median(), nan=CHORD)
     samples = round(max(1.0, min(in_chord, sizes.median() - 1.0)))
@@ -262,7 +264,7 @@ def line_of_row(path: Path, row: int, heading: int = 1) -> int:
     row: number in the table of pandas, from 0; it has no rows for blank lines.
     heading: number of lines before the first row, blank ones not counted.
     """
-    opened = _COMPRESSED.get(path.suffix, open)
+    opened = COMPRESSED.get(path.suffix, open)
     with opened(path, "rt", encoding="utf-8", errors="replace", newline="") as file:
         lines = csv.reader(file)  # `line_num` is that of the row just read
         filled = (lines.line_num for cells in lines if len(cells) > 1 or "".join(cells).strip())
@@ -280,7 +282,7 @@ def add_motion(table: DataFrame, names: Sequence[str], owner: str) -> list[str]:
     missing = [name for name in names if name not in table]
     if not missing:
         return []
-    for (_, vehicle), track in table.groupby(["recording", "vehicle"], sort=False):
+    for (_, vehicle), track in table.groupby(TRACK, sort=False):
         try:
             motion = Trajectory(track["t"], track["x"], track["y"])
         except InputError as error:
