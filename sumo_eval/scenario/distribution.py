@@ -4,7 +4,8 @@ the parameter's range.
 scipy.stats is imported only when a distribution is used: the import takes 0.7 s, and every child
 process imports this module.
 
-Users: `extras/openscenario/space.py`, `scenario/file_tables.py`, `scenario/logical.py`.
+Users: `drivers/recorded/exposure.py`, `extras/openscenario/space.py`, `scenario/file_tables.py`,
+`scenario/logical.py`, `scenario/sampling/drawn_points.py`.
 """
 
 from __future__ import annotations
@@ -40,7 +41,7 @@ class Distribution:
         owner: the parameter, for messages.
         Raises InputError for a name that scipy.stats does not have and for wrong arguments.
         """
-        stats = _stats()
+        stats = scipy_stats()
         names = (it for it, value in vars(stats).items() if isinstance(value, stats.rv_continuous))
         check_known(f"distribution of {owner}", sorted(names), name)
         # scipy lists shape parameters in one text, as "a, b"; None: there are none
@@ -80,11 +81,11 @@ class Distribution:
 
     def _of_scipy(self) -> Any:
         """The distribution as scipy's object, not cut to any range."""
-        return getattr(_stats(), self.name)(**dict(self.arguments))
+        return getattr(scipy_stats(), self.name)(**dict(self.arguments))
 
 
-def _stats() -> Any:
-    """scipy.stats, imported at the first use."""
+def scipy_stats() -> Any:
+    """scipy.stats, imported at the first use; most evaluations drive a grid and do not need it."""
     from scipy import stats
 
     return stats

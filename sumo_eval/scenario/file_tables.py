@@ -148,10 +148,10 @@ class ConstraintTable(Checked):
     require: str = required("a condition on the parameters, e.g. `lead_speed < ego_speed`")
     about: str = setting("", "the same in words: the point must be ...")
 
-    def read(self, names: Names, definitions: Definitions) -> Constraint:
+    def read(self, names: Names) -> Constraint:
         """The condition on points."""
         expression = checked_names(condition(self.require, names.where), names.known, names.where)
-        holds = FormulaValue(Formulas.of(definitions, expression))
+        holds = FormulaValue(Formulas.of(names.definitions, expression))
         return Constraint(self.about or f"one where {self.require}", holds, room=holds.room)
 
 
@@ -495,17 +495,17 @@ class ScenarioFile(Checked):
         parameters = tuple(item.read(where) for item in self.parameter)
         if not parameters:
             raise InputError(f"{where} must have at least one [[parameter]].")
-        names, definitions = self._names(parameters, options, where)
+        names = self._names(parameters, options, where)
         road, ignored = self.road.read(self.end.x, options, where, folder, reacts=self._reacts)
-        placement = self._place(names, definitions, road)
-        constraints = tuple(item.read(names, definitions) for item in self.constraint)
+        placement = self._place(names, road)
+        constraints = tuple(item.read(names) for item in self.constraint)
         requirements = tuple(
             requirement(item.name or item.check, item.check, item.about, where, names.known,
                         list(names.vehicles))
             for item in self.require
         )  # fmt: skip
         names.distinct((item.name for item in requirements), "requirement")
-        self._check_used(names, definitions, requirements)
+        self._check_used(names, requirements)
         units = {item.name: item.unit for item in parameters}
         names.distinct((item.name for item in self.sample), "sample")
         notes = [f"Not simulated: {', '.join(ignored)}."] if ignored else []
@@ -534,9 +534,9 @@ class ScenarioFile(Checked):
             has_drivers=self.people == "drivers",
             notes=tuple(notes),
             options=self.option,
-            requirements=Requirements(requirements, definitions) if requirements else None,
-            **self._exposure(parameters, names, definitions, folder, constraints),
-            **self._zones(names, definitions, placement),
+            requirements=Requirements(requirements, names.definitions) if requirements else None,
+            **self._exposure(parameters, names, folder, constraints),
+            **self._zones(names, placement),
         )
 
     @property
@@ -548,22 +548,16 @@ class ScenarioFile(Checked):
         follows = any(move.do == "follow" for it in vehicles for move in it.manoeuvre)
         return follows or bool(self.stream)
 
-    def _zones(
-        self, names: Names, definitions: Definitions, placement: Placement
-    ) -> dict[str, Any]:
+    def _zones(self, names: Names, placement: Placement) -> dict[str, Any]:
         """Keywords of the logical scenario for its zone rule."""
         if self.zone == "none":
             return {}
         # where the motion has no closed form, the zones need a search
         searched = placement.lively or placement.road.shaped or self.ego.goal_lane is not None
-        return self.zone.read(
-            names, definitions, placement, searched=searched or self.zone.conflict
-        )
+        return self.zone.read(names, placement, searched=searched or self.zone.conflict)
 
-    def _names(
-        self, parameters: Sequence[Parameter], options: Numbers, where: str
-    ) -> tuple[Names, Definitions]:
-        """The names that formulas may use, and the definitions.
+    def _names(self, parameters: Sequence[Parameter], options: Numbers, where: str) -> Names:
+        """The names that formulas may use, with the definitions.
 
         options: the value of every option. where: how errors call the file.
         """
@@ -590,9 +584,9 @@ class ScenarioFile(Checked):
                 )
             entries.append((name, names.expression(formula, f"[define] {name}")))
             names.known.append(name)
-        return names, Definitions(tuple(entries), tuple(options.items()))
+        return replace(names, definitions=Definitions(tuple(entries), tuple(options.items())))
 
-    def _place(self, names: Names, definitions: Definitions, road: Road) -> Placement:
+    def _place(self, names: Names, road: Road) -> Placement:
         """The ego's start and the actors as a function of a point's values."""
         vehicles = tuple(item.read(names, road) for item in self.vehicle)
         streams = tuple((item, item.read(names, road)) for item in self.stream)
@@ -602,12 +596,10 @@ class ScenarioFile(Checked):
         self.ego.check(names.where, road)
         numbers = names.quantities(self.ego, "the ego")
         # the reads above have put the expressions of the ego and all vehicles into `names.scene`
-        needed = definitions.needed_by(*names.scene)
+        needed = names.definitions.needed_by(*names.scene)
         return Placement(needed, names.owner, road, self.ego, numbers, vehicles, streams)
 
-    def _check_used(
-        self, names: Names, definitions: Definitions, requirements: Sequence[Requirement]
-    ) -> None:
+    def _check_used(self, names: Names, requirements: Sequence[Requirement]) -> None:
         """Raise InputError for a parameter that nothing depends on: it would only repeat cases."""
         zone = self.zone
         formulas = (
@@ -621,7 +613,7 @@ class ScenarioFile(Checked):
         for item in requirements:
             expressions += item.expressions
         # a parameter is used by an expression, or by a definition that an expression needs
-        needed = definitions.needed_by(*expressions)
+        needed = names.definitions.needed_by(*expressions)
         used = set().union(
             *(it.names for it in expressions), *(it.names for _, it in needed.entries)
         )
@@ -636,7 +628,6 @@ class ScenarioFile(Checked):
         self,
         parameters: tuple[Parameter, ...],
         names: Names,
-        definitions: Definitions,
         folder: Path,
         constraints: tuple[Constraint, ...],
     ) -> dict[str, Any]:
@@ -655,5 +646,5 @@ class ScenarioFile(Checked):
             total = f" of {self.met.events} in [met]" if self.met else ""
             about.append(f"{joint}{total}")
         about += [] if density is None else [f"times `{density.text}`"]
-        exposure = ExposureDensity(parameters, density, definitions, joint, constraints)
+        exposure = ExposureDensity(parameters, density, names.definitions, joint, constraints)
         return {"exposure": exposure, "exposure_about": ", ".join(about)} if about else {}

@@ -209,6 +209,7 @@ class Names:
     vehicles: name of an actor -> name of a manoeuvre -> index of the act.
     has_recorded_ego: whether the ego has recorded positions. Then the `when` of a `follow` may use
         `departed`.
+    definitions: whose names are in `known`.
     scene: expressions that the scene depends on: the methods below that read a quantity or a
         condition append theirs.
     """
@@ -218,6 +219,7 @@ class Names:
     known: list[str]
     vehicles: Mapping[str, Mapping[str, int]]
     has_recorded_ego: bool
+    definitions: Definitions = Definitions(())
     scene: list[Expression] = field(default_factory=list)
 
     def expression(self, formula: Formula, what: str) -> Expression:

@@ -43,15 +43,14 @@ class ZoneTable(Checked):
         "in words = expression: in which the criticality is smooth; default: the parameters"
     )
 
-    def read(
-        self, names: Names, definitions: Definitions, placement: Placement, *, searched: bool
-    ) -> dict[str, Any]:
+    def read(self, names: Names, placement: Placement, *, searched: bool) -> dict[str, Any]:
         """Keywords of the logical scenario: `margin`, `search` or `approach`, and
         `zone_coordinates`.
 
         searched: whether the zones need a search, because no closed form exists.
         """
         keywords: dict[str, Any] = {}
+        definitions = names.definitions
         if self.coordinates:
             coordinates = (
                 names.expression(formula, f"zone.coordinates `{name}`")

@@ -15,6 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from sumo_eval.errors import InputError, check_known, must_be
+from sumo_eval.scenario.distribution import scipy_stats
 from sumo_eval.scenario.logical import LogicalScenario, PointFunction, Values, uniform_exposure
 from sumo_eval.settings import DeclaredDistribution, DriverSettings, ExposureSettings
 from sumo_eval.trajectory import BoolArray, FloatArray
@@ -48,7 +49,7 @@ class RecordedExposure(NamedTuple):
     def density(self, values: Values) -> FloatArray:
         """p at values by name (arrays that broadcast)."""
         places = np.stack(np.broadcast_arrays(*(values[name] for name in self.names)))  # (k, ...)
-        kde = _stats().gaussian_kde(self.points.T, bw_method=self.factor)
+        kde = scipy_stats().gaussian_kde(self.points.T, bw_method=self.factor)
         return np.reshape(kde(places.reshape(len(places), -1)), places.shape[1:])
 
     def supported(self, points: FloatArray) -> BoolArray:
@@ -188,7 +189,7 @@ def unsupported_share(model: RecordedExposure, logical: LogicalScenario) -> floa
     """Share of the possible points of a space that lie outside the data's support; None where no
     point that is tried is possible.
     """
-    unit = _stats().qmc.Sobol(len(logical.parameters), seed=0).random(SPACE_POINTS)
+    unit = scipy_stats().qmc.Sobol(len(logical.parameters), seed=0).random(SPACE_POINTS)
     points = logical.from_unit(unit)
     possible = points[logical.feasible(points)]
     return float(np.mean(~model.supported(possible))) if len(possible) else None
@@ -205,13 +206,13 @@ def _held_out(folds: Sequence[tuple[FloatArray, FloatArray]], fit: Any) -> float
 
 def _kde(train: FloatArray, factor: float) -> Any:
     """Log density of a KDE over events, a function of points; `factor` as in `RecordedExposure`."""
-    kernel = _stats().gaussian_kde(train.T, bw_method=factor)
+    kernel = scipy_stats().gaussian_kde(train.T, bw_method=factor)
     return lambda points: kernel.logpdf(points.T)
 
 
 def _gaussian(train: FloatArray) -> Any:
     """Log density of one Gaussian over all events, a function of points."""
-    normal = _stats().multivariate_normal(train.mean(axis=0), np.cov(train.T))
+    normal = scipy_stats().multivariate_normal(train.mean(axis=0), np.cov(train.T))
     return lambda points: np.atleast_1d(normal.logpdf(points))
 
 
@@ -242,15 +243,9 @@ def _distribution(item: DeclaredDistribution) -> Any:
     """A declared distribution. Its two numbers: mean and deviation, for `lognormal` those of the
     logarithm, or the two ends of `uniform`.
     """
-    stats = _stats()
+    stats = scipy_stats()
     if item.distribution == "normal":
         return stats.norm(item.first, item.second)
     if item.distribution == "lognormal":
         return stats.lognorm(item.second, scale=np.exp(item.first))
     return stats.uniform(item.first, item.second - item.first)
-
-
-def _stats() -> Any:
-    from scipy import stats
-
-    return stats

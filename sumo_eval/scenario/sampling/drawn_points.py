@@ -11,12 +11,12 @@ Users: `extras/rates/importance.py`, `extras/studies/boundary_page.py`,
 """
 
 from collections.abc import Callable
-from typing import Any
 
 import numpy as np
 from numpy.random import Generator
 
 from sumo_eval.errors import InputError, must_be
+from sumo_eval.scenario.distribution import scipy_stats
 from sumo_eval.scenario.logical import LogicalScenario
 from sumo_eval.scenario.sampling.request import Drawn, Request, owner_of
 from sumo_eval.trajectory import FloatArray, IntArray
@@ -46,7 +46,8 @@ def sequence(name: str) -> Callable[[LogicalScenario, Request], Drawn]:
             points = evenly(logical, count, stream)
             # count & (count - 1) is 0 for a power of 2
             return Drawn(points, notes=uneven if count & (count - 1) else ())
-        kind = _qmc().LatinHypercube if name == "latin_hypercube" else _qmc().Halton
+        qmc = scipy_stats().qmc
+        kind = qmc.LatinHypercube if name == "latin_hypercube" else qmc.Halton
         return Drawn(logical.from_shares(kind(len(logical.names), rng=stream).random(count)))
 
     return first_points
@@ -170,11 +171,4 @@ def _sobol(k: int, count: int, stream: Generator) -> FloatArray:
     power of 2, where it is even.
     """
     power = (count - 1).bit_length()  # the least with 2^power >= count
-    return np.asarray(_qmc().Sobol(k, rng=stream).random_base2(power)[:count])
-
-
-def _qmc() -> Any:
-    """scipy's sequences; most evaluations drive a grid and do not need the 0.6 s of this import."""
-    from scipy.stats import qmc
-
-    return qmc
+    return np.asarray(scipy_stats().qmc.Sobol(k, rng=stream).random_base2(power)[:count])
