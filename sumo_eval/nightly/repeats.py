@@ -16,7 +16,7 @@ from sumo_eval.case_table import CaseTable
 from sumo_eval.cases import CaseResult
 from sumo_eval.evaluation import score
 from sumo_eval.nightly.history import ShakyCase
-from sumo_eval.nightly.rule_limits import end_change
+from sumo_eval.nightly.rule_limits import WORDS, end_change
 from sumo_eval.record.cases import Case, Outcome
 from sumo_eval.record.engines import run_cases
 from sumo_eval.record.facts import record_facts, space_of
@@ -174,7 +174,8 @@ def _differences(
             )
         far = np.abs(after - before) > tolerance(before, measure)
         for k in np.flatnonzero(far):
-            change = CaseChange.of(first[k], before[k], after[k], f" {name}")
+            words, unit = WORDS.get(name, (name, ""))
+            change = CaseChange.of(first[k], before[k], after[k], unit)._replace(name=words)
             apart.setdefault(change.case, change)
     return floors, apart
 

@@ -21,6 +21,7 @@ class CaseChange(NamedTuple):
     point: in words.
     before, after: in base and new run: the limit's quantity, or how the case ended; None: unknown.
     unit: of the quantity, after a space; "" without one.
+    name: of the quantity, in words; "": the sentence of the limit has it.
     """
 
     case: str
@@ -28,6 +29,7 @@ class CaseChange(NamedTuple):
     before: float | str | None
     after: float | str | None
     unit: str = ""
+    name: str = ""
 
     @classmethod
     def of(
@@ -38,8 +40,8 @@ class CaseChange(NamedTuple):
 
     @property
     def words(self) -> str:
-        """`0.92 m -> 0.32 m`."""
-        return " -> ".join(
+        """`0.92 m -> 0.32 m`, or `smallest gap ahead 0.92 m -> 0.32 m`."""
+        return f"{self.name} ".lstrip() + " -> ".join(
             f"{value:z.4g}{self.unit}" if isinstance(value, float) else value or "none"
             for value in (self.before, self.after)
         )

@@ -263,7 +263,7 @@ def test_lost_repeatability_fails_and_names_its_cases(evaluation):
     assert limits([line] * 7, 2)[0].passed is False
     assert limits([line, line._replace(passed=None), *[line] * 6], 2)[0].passed is None
     (gate,) = limits([line], 6)
-    assert (gate.passed, gate.worst[0].words) == (False, "1.5 max_jerk -> 9 max_jerk")
+    assert (gate.passed, gate.worst[0].words) == (False, "largest jerk 1.5 m/s³ -> 9 m/s³")
     assert limits([], 0)[0].passed
 
 
