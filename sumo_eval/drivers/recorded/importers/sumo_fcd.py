@@ -21,6 +21,7 @@ from sumo_eval.drivers.recorded.importers.tables import (
     read_table,
     reading,
 )
+from sumo_eval.drivers.recorded.recordings import LONGEST_HOLE
 from sumo_eval.errors import InputError
 from sumo_eval.input_file import input_file
 
@@ -50,6 +51,7 @@ def read(path: Path) -> Samples:
     numbers = [*rows.filter(["time", *_NEEDED, "acceleration", "posLat"])]
     lines = rows["row"].tolist() if is_xml else None
     make_numbers(rows, numbers, path, rows=lines, gaps=["posLat"])
+    _check_clock_and_places(rows, path)
     kinds = rows.get("type", Series("car", rows.index)).astype(str).str.lower()
     kinds = kinds.replace("default_biketype", "bicycle")  # the name of SUMO's own type
     length, width = np.array([BODIES.get(kind, (LENGTH, WIDTH)) for kind in kinds]).T
@@ -80,6 +82,23 @@ def read(path: Path) -> Samples:
         left_out = persons["id"].nunique()
         notes.append(f"Persons and containers of {path.name} are left out: {left_out}.")
     return table, notes
+
+
+def _check_clock_and_places(rows: DataFrame, path: Path) -> None:
+    """Refuse places in degrees and samples too far apart, each with the option of SUMO."""
+    steps = rows.groupby("id")[["time", "x", "y"]].diff()
+    # a metre is about 1e-5 degrees
+    by_speed = (rows["speed"] * steps["time"]).sum()
+    if np.hypot(steps["x"], steps["y"]).sum() < 1e-3 * by_speed:
+        raise InputError(
+            f"{path} must have `x` and `y` in m, got degrees: run SUMO without `--fcd-output.geo`."
+        )
+    usual = steps["time"].median()
+    if usual > LONGEST_HOLE + 1e-6:  # for rounding
+        raise InputError(
+            f"{path} must have samples of a vehicle at most {LONGEST_HOLE:g} s apart, got {usual:g}"
+            " s: run SUMO with `--step-length 0.1`."
+        )
 
 
 def _from_csv(path: Path) -> DataFrame:
