@@ -526,10 +526,18 @@ def test_an_entry_that_leads_to_itself_is_refused(tmp_path):
     assert "<CatalogReference>: entry `round` of catalog `ways` refers to itself" in said(path)
 
 
+def test_a_start_off_the_road_is_refused_with_its_place(tmp_path):
+    """Points of a space with one fault count together, so only a file of one point tells it."""
+    path = written(tmp_path)
+    change(path, 'ds="50"', 'ds="-19"')
+    assert re.search(r"`Other` must be on the road, .*\), got 2\.5", said(path))
+
+
 def test_what_is_not_a_scenario_is_named(tmp_path):
     path = written(tmp_path)
-    assert "cars.xosc, line 1, <OpenSCENARIO>: it must hold a <Storyboard>" in said(
-        tmp_path / "catalogs" / "cars.xosc"
+    cars = said(tmp_path / "catalogs" / "cars.xosc")
+    assert (
+        "line 1, <OpenSCENARIO>: it must hold a <Storyboard>, got <FileHeader>, <Catalog>" in cars
     )
     path.write_text("")
     assert "is not XML" in said(path)

@@ -49,7 +49,8 @@ class Catalogs:
         if name not in catalogs:
             near = did_you_mean(name, catalogs)
             missing = "; ".join(
-                f"{it.where}: the folder {at} of its catalogs is not there"
+                f"{it.where}: the folder {at} of its catalogs is "
+                f"{'a file' if at.is_file() else 'not there'}"
                 for it, at in self.folders
                 if not at.is_dir()
             )

@@ -45,6 +45,7 @@ from sumo_eval.scenario.logical import (
 )
 from sumo_eval.scenario.reachable import never_begin
 from sumo_eval.scenario.road.table import bend_name, check_line
+from sumo_eval.text import shown
 from sumo_eval.trajectory import BoolArray, FloatArray
 
 _MOST_POINTS = 2_000_000  # points of a grid, at most
@@ -176,21 +177,23 @@ def _cached_case(
             return f"= {broken[0]}"
         case = read_case(path, values, options)
         if not case.exported:  # a case that `sumo-eval export` wrote was checked in its run
-            _check_possible(path, case)
+            _check_possible(path, case, one_point=not values)
         return case
     except InputError as error:
         return str(error)
 
 
-def _check_possible(path: Path, case: FileCase) -> None:
+def _check_possible(path: Path, case: FileCase, *, one_point: bool) -> None:
     """Raise the first fault of a scene by the checks that a run makes of every point.
 
-    The messages hold no numbers of the point, so that points with one fault count together.
+    one_point: the space has one point. Otherwise the messages hold no places, so that points with
+        one fault count together.
     """
     frame = case.frame
     road = Road(frame.name, frame.length, frame.lanes, frame.lane_width, 0.0, line=frame.line)
     for wrong in misplaced(road, case.ego, case.ego_body, case.actors):
-        raise case.elements[wrong.name].fault(f"{wrong.what} must be {wrong.must}")
+        got = f", got {shown(wrong.got)}" if one_point else ""
+        raise case.elements[wrong.name].fault(f"{wrong.what} must be {wrong.must}{got}")
     if case.ego.x + 0.5 * case.ego_body.length + _BEFORE_END >= frame.length:
         raise case.elements["ego"].fault(
             f"its front must be over {_BEFORE_END:g} m before its road's end"

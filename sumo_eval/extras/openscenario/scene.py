@@ -110,7 +110,8 @@ def _exported(root: Node, options: FileOptions) -> FileCase:
 def _scene(root: Node, given: Mapping[str, Value], options: FileOptions) -> FileCase:
     """The case of a storyboard. Each of the five steps needs the results of the earlier ones."""
     if not root.find("Storyboard"):
-        raise root.fault("it must hold a <Storyboard>")
+        got = ", ".join(f"<{it.tag}>" for it in root.children())
+        raise root.fault(f"it must hold a <Storyboard>, got {got}")
     root, _ = root.declared(given)
     story = root.child("Storyboard")
     places = _entities_of(root, options.map)
