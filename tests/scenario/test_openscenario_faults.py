@@ -533,6 +533,33 @@ def test_a_start_off_the_road_is_refused_with_its_place(tmp_path):
     assert re.search(r"`Other` must be on the road, .*\), got 2\.5", said(path))
 
 
+RELATIVE = """<LongitudinalAction><SpeedAction><SpeedActionDynamics dynamicsShape="step"
+dynamicsDimension="time" value="0"/><SpeedActionTarget><RelativeTargetSpeed entityRef="Other"
+value="{}" speedTargetValueType="{}" continuous="true"/></SpeedActionTarget></SpeedAction>
+</LongitudinalAction>"""
+DISTANCE = """<LongitudinalAction><LongitudinalDistanceAction entityRef="Other" distance="9"
+freespace="true" continuous="true"/></LongitudinalAction>"""
+
+
+@pytest.mark.parametrize(
+    "action, sentence",
+    [
+        (RELATIVE.format(5, "delta"), "must be relative to another entity, got `Other` itself"),
+        (RELATIVE.format(1.5, "factor"), "must be relative to another entity, got `Other` itself"),
+        (DISTANCE, "a distance must be to another entity, got `Other` itself"),
+    ],
+)
+def test_what_an_entity_keeps_to_itself_is_refused(tmp_path, action, sentence):
+    """A speed would grow in every step, to 1e20 m/s within 8 s."""
+    assert sentence in said(written(tmp_path, events=timed(action, 2.0)))
+
+
+def test_an_entity_may_keep_its_own_speed(tmp_path):
+    same = RELATIVE.format(0, "delta")
+    (other,) = only_case(written(tmp_path, events=timed(same, 2.0))).actors
+    assert (other.start.speed, other.acts[0].table[:2]) == (15.0, ((0.0, 1.0), (0.0, 0.0)))
+
+
 def test_what_is_not_a_scenario_is_named(tmp_path):
     path = written(tmp_path)
     cars = said(tmp_path / "catalogs" / "cars.xosc")

@@ -196,7 +196,12 @@ def _keep_relative(
     """
     entity.pace, value = speed, target.number("value")
     factor, added = (value, 0.0) if _by_factor(target) else (1.0, value)
-    number = float(vehicle_number(traffic.places.referred(target), target))
+    other = traffic.places.referred(target)
+    if other is entity and (factor, added) != (1.0, 0.0):  # it would change in every step
+        raise target.fault(
+            f"a continuous speed must be relative to another entity, got `{entity.name}` itself"
+        )
+    number = float(vehicle_number(other, target))
     # pairs as in `_keep_distance`: the second 0 keeps the speed alone, so the last pair is unused
     return match_vehicle(traffic, entity, begin, (number, factor), (added, 0.0), (0.0, 0.0))
 
@@ -275,6 +280,8 @@ def _apart(traffic: FileTraffic, element: Node, entity: Entity) -> tuple[Entity,
     `played.PLAY` under `match`. Both numbers may be below 0.
     """
     other = traffic.places.referred(element)
+    if other is entity:
+        raise element.fault(f"a distance must be to another entity, got `{entity.name}` itself")
     if entity.leaves_lane or other.on_map:
         raise element.fault("a distance of an entity that leaves its lane is not supported")
     # on a curve the distance is along the lane, not along the file's reference line
