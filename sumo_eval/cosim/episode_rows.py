@@ -63,12 +63,13 @@ class EpisodeRows:
                 "other environment first, or make this one with `sumo=False`."
             )
         texts = shared_network_xml(cases), shared_routes_xml(cases, self._settings)
-        traci = self._context.enter_context(running(*texts, self._settings, collisions="none"))
-        self._stage = Stage(traci, self.world)
-        self._stage.take_charge(self.world)
-        if self.world.errors:
-            self.close()
-            raise SimulationError(next(iter(self.world.errors.values())))
+        with ExitStack() as opened:
+            traci = opened.enter_context(running(*texts, self._settings, collisions="none"))
+            self._stage = Stage(traci, self.world)
+            self._stage.take_charge(self.world)
+            if self.world.errors:
+                raise SimulationError(next(iter(self.world.errors.values())))
+            self._context = opened.pop_all()  # without an error, SUMO stays until `close`
 
     def close(self) -> None:
         """End the simulation, if there is one."""

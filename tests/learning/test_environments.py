@@ -13,7 +13,7 @@ from refusals import refusal
 from road_scenes import at_values, central_case
 
 import sumo_eval.gym
-from sumo_eval.cosim import simulate
+from sumo_eval.cosim import episode_rows, simulate
 from sumo_eval.cosim.episode_rows import EpisodeRows
 from sumo_eval.extras.gym.episodes import Transition
 from sumo_eval.gym import Action, Feature, Interface, usual, usual_reward
@@ -390,6 +390,15 @@ def test_rows_restart_without_actors_and_keep_no_history():
         rows.step(np.zeros((1, 2)))
         rows.restart(0, concrete)
     assert held() == before
+
+
+def test_sumo_ends_with_a_start_that_fails(monkeypatch):
+    concrete = at_values("front_vehicle_cut_out", **POINT)
+    monkeypatch.setattr(episode_rows, "Stage", None)  # stands for any error of the start
+    with pytest.raises(TypeError):
+        EpisodeRows([concrete], SimulationSettings(), sumo=True)
+    monkeypatch.undo()
+    EpisodeRows([concrete], SimulationSettings(), sumo=True).close()
 
 
 def test_every_scenario_is_registered_once():
