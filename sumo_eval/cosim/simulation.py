@@ -65,7 +65,7 @@ from sumo_eval.errors import ControllerError, InputError, SimulationError, must_
 from sumo_eval.groups import grouped
 from sumo_eval.scenario.concrete import ConcreteScenario
 from sumo_eval.scenario.road.reference_line import crosses_itself
-from sumo_eval.settings import SimulationSettings
+from sumo_eval.settings import RunSettings, SimulationSettings
 from sumo_eval.text import traceback_of
 from sumo_eval.trajectory import Alone, Recording
 
@@ -117,6 +117,8 @@ def simulate(
     a step that took too long, "sim_error" after a fault of SUMO.
     """
     settings = concrete.simulation(settings or USUAL)  # with the case's own changes
+    if step_timeout != inf:
+        RunSettings(step_timeout=step_timeout)  # raises InputError for an impossible one
     ads = load_controller(controller, folder)
     every = _steps_per_call(controller, period, settings)
     began = clock.perf_counter()

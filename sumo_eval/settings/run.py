@@ -1,6 +1,6 @@
 """Settings of the execution of cases: processes, time limits, memory.
 
-Users: `cli/tools.py`, `cosim/doors/contract.py`, `record/`, `settings/evaluation.py`,
+Users: `cli/tools.py`, `cosim/`, `record/`, `settings/evaluation.py`,
 `extras/rates/campaign.py`, `extras/studies/`.
 """
 

@@ -39,6 +39,12 @@ def alive(pid):
     return True
 
 
+@pytest.mark.parametrize("step_timeout", [1e10, 0.0, float("nan")])
+def test_an_impossible_time_for_a_step_is_refused(step_timeout):
+    with refused("`step_timeout` of `RunSettings` must be"):
+        shell("cat", step_timeout)
+
+
 def test_a_shell_script_drives():
     found = shell(
         'read brief; echo "{}"; while read seen; do echo "{\\"acceleration\\": -2}"; done'
