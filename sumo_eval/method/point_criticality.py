@@ -74,12 +74,12 @@ def criticality(
     from the hardest hit to perfectly safe, and no smooth surface follows a jump.
     """
     if logical.margin is not None:
-        margin = np.asarray(logical.margin(logical.columns(points)))
+        margin = np.asarray(logical.values(logical.margin, points))
         lacks = margin <= 0.0
         y = np.tanh(margin / PASSING_SCALE)
         # a margin has no impact speed: how far it is below 0, m, replaces the speed
         return Criticality(np.where(lacks, np.inf, 0.0), np.where(lacks, -margin, 0.0), margin, y)
-    approach = None if logical.approach is None else logical.approach(logical.columns(points))
+    approach = None if logical.approach is None else logical.values(logical.approach, points)
     if logical.search is not None:
         inverse, impact, gap = encounter(logical, points, settings)
     else:
@@ -236,4 +236,4 @@ def is_searched(logical: LogicalScenario) -> bool:
     middle = np.array(
         [[0.5 * (parameter.low + parameter.high) for parameter in logical.parameters]]
     )
-    return not logical.approach(logical.columns(middle)).has_closed_form.all()
+    return not logical.values(logical.approach, middle).has_closed_form.all()

@@ -101,7 +101,7 @@ def coordinates(
         return None
 
     def raw(points: FloatArray) -> FloatArray:
-        columns = np.stack(own.of(logical.columns(points)), axis=-1)
+        columns = np.stack(logical.values(own.of, points), axis=-1)
         return finite(f"scenario `{logical.name}`", "zone.coordinates", columns)
 
     learnt = raw(training)

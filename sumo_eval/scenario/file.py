@@ -157,11 +157,9 @@ def check_points(logical: LogicalScenario, points: FloatArray) -> None:
     with users_code(f"Scenario `{logical.name}` failed", SumoEvalError):
         for concrete in logical.concretes(points):
             _check_point(logical, concrete)
-        # called for their errors only
-        if logical.approach is not None:
-            logical.approach(logical.columns(points))
-        if logical.margin is not None:
-            logical.margin(logical.columns(points))
+    for function in (logical.approach, logical.margin):
+        if function is not None:
+            logical.values(function, points)  # called for its errors only
 
 
 def _check_point(logical: LogicalScenario, concrete: ConcreteScenario) -> None:

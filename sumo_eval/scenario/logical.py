@@ -11,6 +11,7 @@ from dataclasses import field, replace
 from html import escape
 from math import floor, inf, isfinite, log10
 from numbers import Real
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -399,11 +400,15 @@ class LogicalScenario:
 
     def feasible(self, points: ArrayLike) -> BoolArray:
         """Whether each of the points (n, k) satisfies every constraint."""
-        values = self.columns(points)
         holds = np.ones(np.shape(points)[:-1], bool)
         for constraint in self.constraints:
-            holds &= constraint.holds(values)
+            holds &= self.values(constraint.holds, points)
         return holds
+
+    def values(self, function: Callable[[Values], Any], points: ArrayLike) -> Any:
+        """Values of one of its functions, which may be the user's, at points (..., k)."""
+        with users_code(f"Scenario `{self.name}` failed", SumoEvalError):
+            return function(self.columns(points))
 
     def exposures(self, points: FloatArray) -> FloatArray:
         """Exposure of each of the points (n, k); a user's function may give one number for all."""

@@ -1,14 +1,18 @@
 """Partitions of 2, 3 and 4 parameters against the closed form of Eq. 6, with the worst points and
 Eq. 16's rays."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
+from refusals import refusal
 from tables import in_campaign
 
 from sumo_eval.method.collision_avoidance import collision_weight
 from sumo_eval.method.criticality import critical_gap
 from sumo_eval.method.zone_partition import partition
 from sumo_eval.scenario import Approach, LogicalScenario, Parameter, Road
+from sumo_eval.scenario.logical import Constraint, ZoneCoordinates
 from sumo_eval.settings import ZoneSettings
 
 SPACE = (
@@ -67,3 +71,23 @@ def test_a_partition_is_the_closed_forms(count):
     assert inside.max() <= 1.0
     assert outside.min() >= 1.0
     assert collision_weight(most, zones) == 0.0
+
+
+def fails(values):
+    """A user's function that knows only a part of the space."""
+    raise KeyError("beyond the table")
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"approach": fails},
+        {"approach": None, "margin": fails},
+        {"zone_coordinates": ZoneCoordinates(("a",), fails)},
+        {"constraints": (Constraint("", fails),)},
+    ],
+    ids=lambda change: ", ".join(change),
+)
+def test_a_users_function_that_raises_within_the_space_is_named(change):
+    with refusal("Scenario `approach_2` failed: KeyError: 'beyond the table'"):
+        partition(replace(approached(2), **change), ZoneSettings(restarts=1, grid_points=1_000))
