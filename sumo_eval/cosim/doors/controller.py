@@ -647,7 +647,8 @@ def _foreign_method(target: Any, kind: type) -> str:
 def _takes_three_arguments(function: Callable[..., Any]) -> bool:
     """Whether a function can be called with (traci, ego, time); True if that is not known."""
     try:
-        inspect.signature(function).bind(None, "", 0.0)
+        # what is called, not a function that a decorator has wrapped
+        inspect.signature(function, follow_wrapped=False).bind(None, "", 0.0)
     except TypeError:
         return False
     except ValueError:  # of compiled code
