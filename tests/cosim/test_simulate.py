@@ -275,7 +275,7 @@ quits.py:Ads | making one without arguments failed: SystemExit: 2
 """),
         *(
             (f"lazy.py:{it}", f"`lazy.py:{it}` cannot be loaded: RuntimeError: no weights.")
-            for it in ("Act", "Batch", "Typed")
+            for it in ("Act", "Batch", "Typed", "Meta")
         ),
         *(
             (f"late.py:{it}", f"`{it.lower()}` of ADS `late.py:{it}` must not be `async`")
@@ -294,7 +294,9 @@ def test_what_cannot_be_a_controller_is_refused_before_a_run(tmp_path, own_path,
         "quits.py": "class Ads:\n    def __init__(self): raise SystemExit(2)\n",
         "lazy.py": "class Act:\n    @property\n    def act(self): raise RuntimeError('no weights')\n"
         "class Batch:\n    act, batch = None, Act.act\n"
-        "class Typed:\n    step, vehicle_type = print, Act.act\n",
+        "class Typed:\n    step, vehicle_type = print, Act.act\n"
+        "class Kind(type):\n    def __getattr__(cls, name): raise RuntimeError('no weights')\n"
+        "class Meta(metaclass=Kind):\n    def act(self, seen): return 0.0\n",
         "late.py": "class Reset:\n    async def reset(self, briefing): pass\n"
         "    def act(self, seen): return 0.0\n"
         "class Close(Reset):\n    reset, close = None, Reset.reset\n"

@@ -150,7 +150,7 @@ def check_options(kind: type, options: Options, described: str) -> None:
     """
     try:
         signature = inspect.signature(kind)
-    except (TypeError, ValueError):
+    except Exception:  # noqa: BLE001 - compiled code, or a user's metaclass that `made` shows
         return
     parameters = signature.parameters.values()
     names = [p.name for p in parameters if p.kind in (p.KEYWORD_ONLY, p.POSITIONAL_OR_KEYWORD)]
