@@ -470,6 +470,15 @@ def test_what_many_objects_hold_is_looked_into_once():
         assert first_change(before, kept_state(kind)) == "Kind"
 
 
+def test_attributes_of_a_users_own_kind_of_list_are_compared():
+    history = type("History", (list,), {})([1.0])
+    kind = type("Kind", (), {"history": history})
+    before = kept_state(kind)
+    assert first_change(before, kept_state(kind)) is None
+    history.calls = 1
+    assert first_change(before, kept_state(kind)) == "Kind"
+
+
 @pytest.mark.parametrize(
     "folder, is_reached", [("project", True), ("site-packages", False), ("dist-packages", False)]
 )

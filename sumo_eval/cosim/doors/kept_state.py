@@ -58,8 +58,8 @@ def kept_state(ads: Any) -> State:
     ads: a class or a function.
 
     Not compared: module variables whose names begin with `__`, the code of functions, variables of
-    foreign modules (`reached_modules`), members of a container beyond the first `_MOST`, attributes
-    that the user's own kind of container has beside its members.
+    foreign modules (`reached_modules`), members of a container beyond the first `_MOST`, slots of
+    the user's own kind of container.
 
     Compared by identity alone:
     - objects of compiled code and of the standard library, except `_LOOKED_INTO` and `_PICKLED`;
@@ -196,7 +196,9 @@ def _frozen(value: Any, depth: int, seen: _Seen | None = None) -> object:
             return identity
         if content := _content(value):
             return content
-        parts = list(_members(value)) if is_container else _parts(value)
+        parts = [*_members(value)] if is_container else [*_parts(value)]
+        if is_container and hasattr(value, "__dict__"):  # a kind of the user's own
+            parts.append(dict(vars(value)))
     except Exception:  # noqa: BLE001 - methods and attributes of a user's object are user's code
         return identity
     return identity, [_frozen(it, depth + 1, seen) for it in parts]
