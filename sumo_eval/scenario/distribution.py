@@ -52,7 +52,9 @@ class Distribution:
             if shape not in arguments:
                 raise InputError(f"Distribution `{name}` of {owner} must be given `{shape}`.")
         checked = cls(name, tuple(sorted((key, float(value)) for key, value in arguments.items())))
-        if not np.isfinite(checked._of_scipy().ppf(0.5)):  # wrong arguments give no median
+        with np.errstate(invalid="ignore"):  # a `scale` of 0
+            median = checked._of_scipy().ppf(0.5)
+        if not np.isfinite(median):  # wrong arguments give no median
             raise InputError(
                 f"Distribution `{name}` of {owner} does not exist with {dict(checked.arguments)}."
             )

@@ -184,6 +184,7 @@ truck_speed < ego_speed | truck_speed - ego_speed | a condition such as
 name = "truck" | name = "a truck" | must be without spaces and
 loc = 27.0 | lok = 27.0 | Did you mean `loc`?
 scale = 5.0 | scale = -5.0 | does not exist with
+scale = 5.0 | scale = 0.0 | does not exist with
 scale = 5.0 | scale = inf | `parameter[0].distribution.scale` in scenario file
 loc = 27.0, scale = 5.0 | loc = 900.0, scale = 0.1 | possible within 15..35
 name = "norm", loc = 27.0, scale = 5.0 | name = "gamma", loc = 2.0 | must be given `a`
