@@ -108,6 +108,10 @@ def test_a_cause_is_reported_once_with_count_and_line(fault):
     assert meant is None or f"(did you mean `{meant}`?)" in found[0].text
 
 
+def nothing(seen):
+    return 0.0
+
+
 def test_hints_name_what_traci_code_is_written_with():
     def stranger(traci, ego, time):
         traci.vehicle.setSpeed("veh0", 3.0)
@@ -121,7 +125,11 @@ def test_hints_name_what_traci_code_is_written_with():
     def still(traci, ego, time):
         traci.vehicle.getSpeed(ego)
 
+    def decorated(*args):
+        return nothing(*args)
+
     hints = {stranger: "`ego`", typed: "`vehicle_type`", sensing: "device", still: "(ego, -1)"}
+    hints[decorated] = "functools.wraps"
     for code, word in hints.items():
         found = check_controller(code, [case()], HALF_SECOND)
         assert word in next(it.mend for it in found if it.kind in ("FAIL", "note")), found

@@ -57,10 +57,13 @@ _HINTS = {
     'vehicle_type = {"carFollowModel": "IDM"}',
     r"[Vv]ehicle '.*' is not known": 'the ego\'s id is the argument `ego`, which is "ego"; other '
     "vehicles come and go, see traci.vehicle.getIDList()",
+    "takes 1 positional argument but 3 were given": "a function of one argument gets an "
+    "observation, one with *args gets (traci, ego, time): functools.wraps keeps a function's "
+    "arguments through a decorator",
     "no device of type": "no vehicle carries a device of SUMO here; compute in your code what it "
     "would say",
 }
-"""Advice on an error of TraCI, by a regular expression that its words match."""
+"""Advice on an error, by a regular expression that its words match."""
 _UNMOVED = (
     "return a command, or move it with TraCI; SUMO's car-following model drives it only after "
     "traci.vehicle.setSpeed(ego, -1)"
