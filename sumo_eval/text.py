@@ -38,8 +38,9 @@ UNFIT = re.compile(
     # line ends of Unicode, byte order mark, noncharacters, surrogates
     "\u2028\u2029\ufeff\ufffe\uffff\ud800-\udfff]"
 )
-# address of an object; the `>` is optional, so that the search reads a text only once
-_ADDRESS = re.compile(r"(?: at 0x[0-9A-Fa-f]+)+(>?)")
+# address of an object, of a `Future` or of code; what follows is optional, so that the search reads
+# a text only once
+_ADDRESS = re.compile(r"(?: at 0x[0-9A-Fa-f]+)+(>| state=|, file )?")
 _NUMBER = re.compile(r"\d+(?:\.\d+)?")
 # first characters of a cell that a spreadsheet runs as a formula
 _FORMULA = "=", "+", "-", "@", "\t", "\r", "\n"
@@ -104,7 +105,7 @@ def last_lines(log: str, most: int) -> str:
 def _replaced(text: str, *, lines: bool) -> str:
     plain = str.replace(text, "\r\n", "\n")
     plain = plain.replace("\r", "\n") if lines else " ".join(plain.split("\n"))
-    # ` at 0x7f…>` becomes `>`; an address without `>` is no object's
+    # ` at 0x7f…>` becomes `>`; an address before other text is no object's
     plain = _ADDRESS.sub(lambda match: match[1] or match[0], plain)
     return UNFIT.sub(lambda match: ascii(match.group())[1:-1], plain)
 

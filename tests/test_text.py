@@ -30,6 +30,7 @@ HARMFUL = {
     "lone surrogate": ("a\ud800b\udfff", r"a\ud800b\udfff"),
     "no character": ("a\uffffb", r"a\uffffb"),
     "addresses": ("<f of <a at 0x7f1B> at 0x2>, at 0x3", "<f of <a>>, at 0x3"),
+    "addresses amid": ("<F at 0x1 state=a>, <c at 0x2, file b>", "<F state=a>, <c, file b>"),
     "line end of Unicode's own": ("a\u2028b", r"a\u2028b"),
 }
 
