@@ -18,9 +18,12 @@ from sumo_eval.settings.config import to_plain
 
 HARMLESS = "name", "ads", "run", "report"
 """Tables of settings that change no outcome of an ADS that both runs have: the run's name, the list
-of ADSs, how work is spread, how results are shown. Keys of `[run]` in `LIMITS` are exceptions."""
+of ADSs, how work is spread, how results are shown. Keys of `[run]` in `LIMITS` and `BATCHES` are
+exceptions."""
 LIMITS = "case_timeout", "step_timeout", "memory_limit"
 """Limits in `[run]`: an ADS that exceeds one gives up. They decide nothing for any other ADS."""
+BATCHES = "cases_per_pack", "cases_per_child"
+"""Sizes of batches in `[run]`: measured times of a case are its share of its batch."""
 
 ABSENT = "not set"  # shown instead of a value that a run does not have
 INPUTS = "networks/", "routes/"  # folders of a run with SUMO's files
@@ -127,7 +130,7 @@ def _parts(evaluation: Evaluation, other: Evaluation) -> list[tuple[bool, dict[s
         (True, {SIMULATOR: simulator}),
         (False, versions),
         (False, code),
-        (False, {f"run.{name}": str(getattr(settings.run, name)) for name in LIMITS}),
+        (False, {f"run.{name}": str(getattr(settings.run, name)) for name in (*LIMITS, *BATCHES)}),
         (False, {f"build of {ads}": build for ads, build in builds.items()}),
         (False, {f"controller of {ads.name}": ads.controller for ads in settings.ads}),
     ]

@@ -29,7 +29,12 @@ from sumo_eval.method.score_terms import excess
 from sumo_eval.record.store import FACTS, open_store
 from sumo_eval.results import Evaluation
 from sumo_eval.scoring.case_terms import CaseTerms, case_terms, point_values
-from sumo_eval.scoring.comparability import Difference, differences, refuse_unless_comparable
+from sumo_eval.scoring.comparability import (
+    BATCHES,
+    Difference,
+    differences,
+    refuse_unless_comparable,
+)
 from sumo_eval.scoring.confidence.paired_differences import COMPARED, paired_differences
 from sumo_eval.scoring.gate_settings import (
     HARSHER_BY,
@@ -199,6 +204,7 @@ class AdsComparison(NamedTuple):
     quantities: name -> change of a score of `paired_differences.COMPARED`, from the paired cases.
     counts: outcome -> number of paired cases with it in the base, and in the new run.
     units: unit of U in the base, and in the new run. If they differ, changes of U do not count.
+    one_batch_size: whether batches are as large in both runs. If not, measured times do not count.
     """
 
     ads: str
@@ -209,6 +215,7 @@ class AdsComparison(NamedTuple):
     quantities: Mapping[str, QuantityChange]
     counts: Mapping[str, tuple[int, int]]
     units: tuple[str, str]
+    one_batch_size: bool
 
     @property
     def pairs(self) -> int:
@@ -221,12 +228,15 @@ class AdsComparison(NamedTuple):
         return self.units[0] == self.units[1]
 
     def comparable(self, column: str) -> tuple[FloatArray, FloatArray]:
-        """A column of all pairs in the base and in the new run, (n,) each. If it is in the unit of
-        U, and the units differ: nan.
+        """A column of all pairs in the base and in the new run, (n,) each. nan for a column in the
+        unit of U if the units differ, and for a measured time if the sizes of batches differ.
         """
         sides = self.changed.paired.base, self.changed.paired.new
+        unlike = (column in OF_U and not self.one_unit) or (
+            column in TIMED and not self.one_batch_size
+        )
         # added to all values: 0, or nan, which makes them nan
-        unknown = 0.0 if self.one_unit or column not in OF_U else np.nan
+        unknown = np.nan if unlike else 0.0
         before, after = (column_values(cases, column) + unknown for cases in sides)
         return before, after
 
@@ -403,6 +413,7 @@ def _compare_ads(
         _quantity_changes(runs, settings),
         {name: (base_counts[name], new_counts[name]) for name in base_counts},
         (methods[0].collision.unit, methods[1].collision.unit),
+        all(getattr(base.settings.run, it) == getattr(new.settings.run, it) for it in BATCHES),
     )
 
 

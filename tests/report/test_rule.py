@@ -403,6 +403,18 @@ def test_slower_or_swaying_ads_fails_and_a_loaded_machine_does_not(
     assert [gate.quantity for gate in judged(base, calm(base, **{quantity: worse}))] == [quantity]
 
 
+def test_latency_is_not_compared_between_batch_sizes(evaluation):
+    """Latency is a share of the batch: in a smaller one it is larger, though no ADS changed."""
+    base = calm(evaluation, latency_relative=3.0)
+    slower = calm(base, latency_relative=9.0)
+    run = replace(base.settings.run, cases_per_pack=7)
+    new = replace(slower, settings=replace(base.settings, run=run))
+    assert judged(base, slower)
+    assert not judged(base, new)
+    (difference,) = compare(base, new, SETTINGS).differences
+    assert difference.words == "run.cases_per_pack: 512 in the base, 7 in the new run"
+
+
 def test_a_harder_injury_risk_fails(evaluation):
     """0.5, meant for m/s, is half of all losses."""
     case = pick(evaluation, collided=True)
