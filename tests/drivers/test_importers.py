@@ -336,6 +336,10 @@ csv | x.csv | OWNr,a,0,0,0,4,2\nr,a,1000,9,0,4,2\n | at most 0.5 s apart, got no
 csv | x.csv | recording,vehicle,t,x,y,length,width,lane\nr,a,0,1,2,4,2,1.5\n
 | `lane` in row 2 of
 csv | x.csv | recording,vehicle,time,x,y,length,width\nr,a,0,1,2,4,2\n | must have a column `t`
+csv | x.csv | vehicle;t\na;0\n
+| must have the columns `recording`, `vehicle`, `t`, `x`, `y`, `length`, `width`, got one, 'vehicle;t'. Commas separate
+csv | x.csv | OWNr,a,0,0,0,4,2\nr,a,100,2,0,4,2\n | Samples of a vehicle are 100 s apart
+map | x.csv | vehicle,t,x,y\na,0,0,0\na,.1,.002,0\n | none is further than 0.002 m from where it was
 csv | x.csv | vehicel,time\na,0\n
 | must have the columns `recording`, `vehicle`, `t`, `x`, `y`, `length`, `width`. Known: vehicel, time
 csv | x.csv | recording,vehicle,t,x,y,length,width,x\n | must have every column once, got `x` twice
@@ -358,6 +362,8 @@ dlr_highway | x.csv | timestamp,id\n1,2\n | must have the columns `center_eastin
         ("openacc", "x.csv", PLATOON + "0,10,\n0.1,\"1,5\",\n", "`Speed1` in row 8 of"),
         ("sumo_fcd", "x.xml", NO_ANGLE, "must have `angle`"),
         ("sumo_fcd", "x.csv", FCD + "0;;;;;\n", "at least one vehicle (<fcd-export>), got none"),
+        ("commonroad", "y.xml", "<commonRoad/>", "must be a number, got nothing"),
+        ("sumo_fcd", "x.csv", FCD.replace(";", ","), "'. Semicolons separate cells"),
         ("sumo_fcd", "x.csv", FCD + "0;90;a;20;9.9;52\n.1;90;a;20;9.90003;52\n",
             "must have `x` and `y` in m, got degrees: run SUMO without `--fcd-output.geo`"),
         ("sumo_fcd", "x.csv", FCD + "0;90;a;20;0;2\n1;90;a;20;20;2\n",
@@ -377,6 +383,12 @@ def test_a_damaged_file_gets_one_sentence_and_nothing_half_imported_stays(
     assert not out.exists()
     assert not list(tmp_path.rglob("*.part*"))
     assert not out.parent.exists() or not list(out.parent.iterdir())
+
+
+def test_the_first_time_has_no_sign(tmp_path):
+    out = tmp_path / "out.csv"
+    write_csv(import_recordings("map", [plain_file(tmp_path / "a.csv")]), out)
+    assert pd.read_csv(out, dtype=str)["t"][0] == "0.0"
 
 
 @pytest.mark.parametrize("form", ["csv", "map"])

@@ -100,6 +100,8 @@ def canonical(table: DataFrame, notes: Sequence[str] = ()) -> Recordings:
     }
     counts = [*doubled, *(f"{count} {words}" for words, count in counted.items() if count)]
     if not parts:
+        step = table.sort_values("t").groupby(TRACK)["t"].diff().median()
+        counts += [f"Samples of a vehicle are {step:g} s apart."] if step > 0.0 else []
         raise InputError(
             "The recording must hold at least one vehicle with two samples at most "
             f"{LONGEST_HOLE:g} s apart, got none: {' '.join(counts)}"
@@ -135,7 +137,7 @@ def _on_the_clock(track: DataFrame) -> DataFrame | None:
     first, last = np.ceil(time[0] / INTERVAL - 1e-6), np.floor(time[-1] / INTERVAL + 1e-6)
     if last - first < 1:
         return None
-    clock = np.round(np.arange(first, last + 1) * INTERVAL, 3)
+    clock = np.round(np.arange(first, last + 1) * INTERVAL, 3) + 0.0  # -0 becomes 0
     even = DataFrame({"t": clock})
     for name in ("x", "y", "speed", "heading", "acceleration", "steering"):
         values = track[name].to_numpy(dtype=np.float64)

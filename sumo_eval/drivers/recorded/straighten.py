@@ -65,9 +65,11 @@ def straighten(table: DataFrame) -> tuple[DataFrame, tuple[str, ...]]:
             notes.append(f"{name}: {stream['vehicle'].nunique()} vehicles along one path, {lanes}.")
         notes += [f"{recording}: {number} {why}." for why, number in lost.items() if number]
     if not parts:
+        tracks = table.groupby(["recording", "vehicle"])[["x", "y"]]
+        longest = np.hypot(*(tracks.max() - tracks.min()).to_numpy().T).max(initial=0.0)
         raise InputError(
             f"At least one vehicle must move {SHORTEST_AXIS:g} m as it is headed, got none that "
-            "does."
+            f"does: by `x` and `y` none is further than {longest:.3g} m from where it was."
         )
     return concat(parts, ignore_index=True), tuple(notes)
 

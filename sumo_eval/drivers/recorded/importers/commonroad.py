@@ -164,6 +164,6 @@ def _number(text: str | None, path: Path, element: Any, what: str) -> float:
     if not abs(number) <= LARGEST:  # nan, too
         raise InputError(
             f"`{what}` of the element in row {element.sourceline} of {path} must be a number, got "
-            f"{text!r}."
+            f"{'nothing' if text is None else repr(text)}."
         )
     return number

@@ -25,6 +25,7 @@ from pandas import DataFrame, Series
 
 from sumo_eval.errors import MOST_KNOWN, InputError, did_you_mean
 from sumo_eval.input_file import input_file
+from sumo_eval.text import shown
 from sumo_eval.trajectory import Trajectory
 
 # Largest magnitude of a number in a recording: an identifier may count microseconds since 1970,
@@ -49,6 +50,7 @@ HEADING_LIMIT = 0.5  # rad; a course at most this far from the heading is near i
 COMPRESSED: Any = {".gz": gzip.open, ".bz2": bz2.open, ".xz": lzma.open}
 """Functions that open a compressed file, by its ending."""
 _UNREADABLE = OSError, EOFError, UnicodeDecodeError, csv.Error, zlib.error, lzma.LZMAError
+_SEPARATORS = {",": "Commas", ";": "Semicolons", r"\s+": "Spaces"}
 WHOLE = {"lane", "Lane_ID", "Vehicle_ID", "id", "trackId"}  # columns of whole numbers
 
 Samples = tuple[DataFrame, list[str]]
@@ -86,6 +88,7 @@ def read_table(path: Path, required: Sequence[str], **options: Any) -> DataFrame
 
     Raises InputError for a file that is not such a table.
     """
+    separated = f"{_SEPARATORS[options.get('sep', ',')]} separate cells, points decimals."
     try:
         with reading(path), warnings.catch_warnings():
             # Pandas only warns of a row with more cells than the heading and cuts it; without
@@ -98,13 +101,16 @@ def read_table(path: Path, required: Sequence[str], **options: Any) -> DataFrame
         raise
     except pd.errors.ParserWarning:
         raise InputError(
-            f"{path} is not such a table: a row has more cells than the heading. Commas separate "
-            "cells, points decimals."
+            f"{path} is not such a table: a row has more cells than the heading. {separated}"
         ) from None
     except ValueError as error:
         raise InputError(
             f"{path} is not such a table: {str(error).strip().rstrip('.')}."
         ) from error
+    if len(table.columns) == 1 < len(required):
+        wanted = ", ".join(f"`{name}`" for name in required)
+        got = shown(str(table.columns[0]))
+        raise InputError(f"{path} must have the columns {wanted}, got one, {got}. {separated}")
     require_columns(table, required, path)
     if double := [name for name in table if f"{name}.1" in table]:  # so pandas calls the second one
         raise InputError(f"{path} must have every column once, got `{double[0]}` twice.")
