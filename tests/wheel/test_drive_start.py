@@ -1,11 +1,13 @@
 """Before a drive: what has to be compiled is compiled where Ctrl-C is heard at once."""
 
 import sys
+from urllib.request import urlopen
 
 import pytest
 from commands import cli_refuses, sumo_eval
 from tables import rows_of
 
+from sumo_eval.extras.wheel.command import _open
 from sumo_eval.extras.wheel.trip import concrete_of
 from sumo_eval.record import loops
 from sumo_eval.scenario import catalogue
@@ -22,6 +24,23 @@ def test_ctrl_c_while_a_drive_compiles_stops_it_at_once(tmp_path, monkeypatch):
         f"drive front_vehicle_cut_out --no-browser --port 0 --out {tmp_path}/drives", status=130
     )
     assert "Drive here" not in done.said
+
+
+def test_the_page_comes_while_the_browsers_command_runs(monkeypatch):
+    """It may be one that ends once the page is there, such as BROWSER="curl %s"."""
+    pages = []
+
+    def fetch(address):
+        with urlopen(address, timeout=10.0) as page:
+            pages.append(page.read())
+        return True
+
+    async def work(_):
+        pass
+
+    monkeypatch.setattr("webbrowser.open", fetch)
+    _open("Drive", 0, work, no_browser=False)
+    assert b"Drive" in pages[0]
 
 
 def test_a_parameter_with_listed_values_begins_at_one_of_them():

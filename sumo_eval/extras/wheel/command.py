@@ -126,9 +126,9 @@ def _open(title: str, port: int, work: Callable[[Any], Any], no_browser: bool) -
     async def session() -> None:
         async with window:
             tell(f"Drive here, on this machine only: {window.address}")
-            if not no_browser:
-                open_in_browser(window.address)
-            await work(window)
+            # in a thread: a browser's command may end only after the page has come from `window`
+            opening = [] if no_browser else [asyncio.to_thread(open_in_browser, window.address)]
+            await asyncio.gather(work(window), *opening)
             await asyncio.sleep(0.3)  # s in which the browser receives the last view
 
     asyncio.run(session())
