@@ -327,9 +327,9 @@ class Recording:
     batched: "batched" if its ADS asks SUMO and was driven in a batch; "compared" if the case was
         driven alone as well and was the same; else empty.
     commands: of each step, (steps, 2): acceleration (m/s2) and steering wheel angle (rad). Where
-        something other than the vehicle model may move the ego, (steps, 6): x, y (m), heading (rad)
-        on the map, speed (m/s), acceleration, angle. None without a contact, as only contacts are
-        replayed.
+        something other than the vehicle model may move the ego, (steps, 7): heading (rad) at the
+        step's start, then x, y (m), heading on the map, speed (m/s), acceleration, angle at its
+        end. None without a contact, as only contacts are replayed.
     """
 
     ego: Trajectory

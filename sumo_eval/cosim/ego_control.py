@@ -231,7 +231,8 @@ class Replay(NamedTuple):
     """Replay of a recorded drive up to a step, and full braking from there on.
 
     commands: those of a `Recording`: acceleration and steering, (steps, 2); or, where SUMO or a
-        plant moved the ego, its motion as in `records._NEXT`, (steps, 6).
+        plant moved the ego, the heading at each step's start and the motion as in
+        `records._NEXT`, (steps, 7).
     until: index of the first step of braking.
     """
 
@@ -250,9 +251,9 @@ class Replays(EgoControl):
         """Find the strongest braking of each ego, and the steering of the egos that need it."""
         super().begin(world, stage)
         recorded = [it.commands for it in self._ads]
-        # (n, steps, 6), as in `records._NEXT`; of replays with two columns the first four stay 0.
+        # (n, steps, 7), as in `Replay`; of replays with two columns the first five stay 0.
         # One more step than the longest recording has: it stands for all later steps.
-        self._commands = np.zeros((len(recorded), 1 + max(map(len, recorded)), 6))
+        self._commands = np.zeros((len(recorded), 1 + max(map(len, recorded)), 7))
         for row, commands in enumerate(recorded):
             self._commands[row, : len(commands), -commands.shape[1] :] = commands
         # whether SUMO or a plant moved the ego
@@ -264,7 +265,7 @@ class Replays(EgoControl):
 
     def _steering(self, world: World) -> FloatArray:
         """Steering wheel angles with which the vehicle turns as it did, rad, (n, steps)."""
-        heading, speed = self._commands[..., 2], self._commands[..., 3]
+        heading, speed = self._commands[..., 3], self._commands[..., 4]
         turned = np.diff(heading, axis=1, prepend=heading[:, :1])
         distance = np.maximum(speed * world.settings.step, _STANDS)
         vehicle = world.settings.vehicle
@@ -277,11 +278,13 @@ class Replays(EgoControl):
         replays = ~brakes
         numbers = numbers_of(egos)
         command = egos["command"]
-        # motion and command of the egos that do not brake yet, (k, 6)
+        # motion and command of the egos that do not brake yet, (k, 7)
         now = self._commands[rows, min(world.steps, self._commands.shape[1] - 1)][replays]
-        numbers[replays, NEXT] = now
+        moved = self._moved[rows] & replays
+        egos["map"]["heading"][moved] = now[self._moved[rows][replays], 0]
+        numbers[replays, NEXT] = now[:, 1:]
         numbers[replays, COMMAND] = now[:, -2:]
-        egos["placed"] = np.where(self._moved[rows] & replays, PLANT, MODEL)
+        egos["placed"] = np.where(moved, PLANT, MODEL)
         command["acceleration"][brakes] = -self._strongest[rows][brakes]
         if not world.cases[0].road.bent:
             command["steering"][brakes] = 0.0

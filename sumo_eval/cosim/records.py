@@ -31,7 +31,7 @@ class Scenes(NamedTuple):
     samples: (n, 1 + m, instants, channels).
     shown: x and y of the front bumper, angle and speed of the actors, (n, m, 4).
     commands: what moved the egos in each step, (n, steps, values): their commands if the vehicle
-        model moves all egos, else their motion as in `_NEXT`.
+        model moves all egos, else their motion as in `ego_control.Replay`.
     """
 
     egos: Records

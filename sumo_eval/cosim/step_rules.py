@@ -495,13 +495,15 @@ def _end(ego: Any, others: Any, scenario: Any, now: float) -> int:
 def _keep(numbers: FloatArray, ego: Any) -> None:
     """Keep what moved an ego in a step: `cosim/no_return.py` replays it.
 
-    numbers: receives the command, 2 numbers, or the motion, 6, as `commands` of `Scenes`.
+    numbers: receives the command, 2 numbers, or the motion, 7, as `commands` of `Scenes`.
     """
     command, at = ego.command, ego.map
     if len(numbers) == 2:
         numbers[0], numbers[1] = command.acceleration, command.steering
         return
-    values = at.x, at.y, at.heading, ego.speed, ego.acceleration, ego.steering
+    # also the heading at the step's start: between two steps `corner` may turn an ego
+    first = ego.before.map.heading
+    values = first, at.x, at.y, at.heading, ego.speed, ego.acceleration, ego.steering
     for k, value in enumerate(values):
         numbers[k] = value
 

@@ -219,7 +219,7 @@ class World:
         self.samples = np.empty((n, 1 + m, room, len(CHANNELS)))
         every = round(settings.record_interval / settings.step)  # steps from one sample to the next
         model = placed == MODEL and settings.plant is None  # the vehicle model moves all egos
-        self.commands = np.empty((n, room * every, 2 if model else 6))
+        self.commands = np.empty((n, room * every, 2 if model else 7))
 
     def begin_as_model(self, case: int) -> None:
         """Begin a case again, before its first step: the vehicle model takes over the ego."""

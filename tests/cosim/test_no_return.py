@@ -1,15 +1,18 @@
 """The point of no return: closed forms, monotone in time, and when there is none."""
 
+import itertools
+import math
 from dataclasses import replace
 
 import pytest
-from road_scenes import actor, case, lead
+from road_scenes import ROAD, actor, case, lead
 
-from sumo_eval.cosim import no_return
+from sumo_eval.cosim import Command, no_return
 from sumo_eval.cosim.ego_control import Replay
 from sumo_eval.cosim.no_return import with_no_return
 from sumo_eval.cosim.simulation import simulate, simulate_many, simulate_together
 from sumo_eval.scenario import catalogue
+from sumo_eval.scenario.road.reference_line import arc
 from sumo_eval.scenario.sampling.samples import Request, sample
 from sumo_eval.settings import SimulationSettings
 from sumo_eval.trajectory import NEVER, NO_RETURN
@@ -85,6 +88,24 @@ def test_an_ego_that_sumo_moves_is_replayed_where_it_was():
     assert repr(braked[-1].collision) == repr(drive.collision)
     assert braked[-1].ego.x.tobytes() == drive.ego.x.tobytes()
     assert clip_of(found).requested == 1.5
+
+
+def test_an_ego_that_is_turned_between_two_steps_is_replayed():
+    """The ADS's command takes over from SUMO in the step of the contact, on a curve."""
+    steps = itertools.count()
+
+    def alternates(traci, ego, time):
+        if next(steps) % 2:
+            return Command(0.0, 16.0 * math.atan(2.7 / 100.0))
+        traci.vehicle.setSpeedMode(ego, 0)
+        traci.vehicle.setSpeed(ego, 20.0)
+        return None
+
+    road = replace(ROAD, name="curve", run_out=900.0, line=(arc(1000.0, 100.0),))
+    concrete = replace(case(lead(60.0, 5.0)), road=road)
+    drive = simulate(concrete, alternates)
+    (found,) = with_no_return([drive], [concrete], USUAL)
+    assert 3.0 < clip_of(found).first_time < drive.collision.time
 
 
 def test_without_room_nothing_helps():
