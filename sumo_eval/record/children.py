@@ -52,6 +52,9 @@ _ENVIRONMENT = {
 # if it has this value.
 _SAFE_PATH = {"PYTHONSAFEPATH": "sumo_eval"}
 
+# held while a child starts: two threads would put each other's changes of this process back
+_STARTING = threading.Lock()
+
 
 class Child(_ordinary.Process):  # type: ignore[misc]
     """A child process.
@@ -65,7 +68,7 @@ class Child(_ordinary.Process):  # type: ignore[misc]
 
     @staticmethod
     def _Popen(process_obj: Any) -> Any:  # noqa: N802 - the name that multiprocessing looks for
-        with _users_code_out_of_sight(), _children_environment():
+        with _STARTING, _users_code_out_of_sight(), _children_environment():
             return _ordinary.Process._Popen(process_obj)
 
     def start(self) -> None:
@@ -117,7 +120,7 @@ def warm_up() -> None:
     Nothing waits for it, and where children are spawned there is no fork server.
     """
     child_context()  # it names the modules that the fork server loads
-    with _users_code_out_of_sight(), _children_environment():
+    with _STARTING, _users_code_out_of_sight(), _children_environment():
         pass  # `_children_environment` has started the fork server
 
 

@@ -5,6 +5,7 @@ import os
 import signal
 import subprocess
 import sys
+import threading
 import time as clock
 from dataclasses import replace
 from pathlib import Path
@@ -17,6 +18,7 @@ from tables import rows_of, values_of
 
 from sumo_eval.cli.stopping import heard
 from sumo_eval.cosim import Command, simulate
+from sumo_eval.record import children
 from sumo_eval.record.batches import LATE
 from sumo_eval.record.cases import Case
 from sumo_eval.record.claims import affinity_of_ads
@@ -264,6 +266,28 @@ def imported(number, error=None):
         signal.raise_signal(number)
         if error is not None:
             raise error
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="elsewhere children are spawned")
+def test_two_threads_that_start_children_leave_the_script(monkeypatch):
+    script = sys.modules["__main__"]
+    begun, both = [], threading.Event()
+
+    def begin():
+        begun.append(None)
+        if len(begun) == 2:  # without a lock at once, and left after the first thread
+            both.set()
+            first.join()
+        both.wait(0.2)
+
+    monkeypatch.setattr(children, "_begin_forkserver", begin)
+    first, second = (threading.Thread(target=children.warm_up) for _ in range(2))
+    first.start()
+    second.start()
+    second.join()
+    left = sys.modules["__main__"]
+    sys.modules["__main__"] = script
+    assert left is script
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
