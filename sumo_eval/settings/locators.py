@@ -14,6 +14,7 @@ from contextlib import suppress
 from pathlib import Path
 from types import ModuleType
 from typing import Any
+from unicodedata import normalize
 
 from sumo_eval.errors import InputError, did_you_mean, users_code
 from sumo_eval.gone import MODULES
@@ -39,7 +40,8 @@ def load_object(locator: str, folder: Path | None, kind: str) -> Any:
         raise InputError(f"{owner} must have the form `package.module:name` or `file.py:name`.")
     load = _load_file if module.endswith(".py") else _load_module
     value: Any = load(module, folder, owner)
-    for part in name.split("."):
+    # Python reads names in its source in this form; macOS may give them in another
+    for part in normalize("NFKC", name).split("."):
         try:
             # a module may have a `__getattr__` of its own, which may fail
             with users_code(f"{owner}: `{name}` of `{module}` failed", AttributeError):

@@ -14,6 +14,11 @@ def test_an_edited_file_is_loaded_again_an_unchanged_one_not(tmp_path):
     assert load_object("mine.py:Ads", tmp_path, "ADS").gap == 22
 
 
+def test_a_name_in_another_form_of_unicode_is_found(tmp_path):
+    (tmp_path / "mine.py").write_text("class Gr\u00f6sse: gap = 1\n", "utf-8")
+    assert load_object("mine.py:Gro\u0308sse", tmp_path, "ADS").gap == 1
+
+
 def test_a_name_inside_a_number_is_refused(tmp_path):
     with refusal(r"`math` has no `pi\.x`"):
         load_object("math:pi.x", tmp_path, "ADS")
