@@ -165,7 +165,7 @@ def test_run_only_names_what_it_does_not_know(builds, tmp_path):
     "limit, sentence",
     [
         ('quantity = "max_deceleration"\nat_most = 5.9', "max_deceleration is above 5.9 m/s² in "),
-        ('quantity = "severity"\nat_most = 29', "severity is above 29 m/s in 1 of 1 case"),
+        ('quantity = "severity"\nat_most = 29', "severity is above 29 m/s in 1 of 75 cases"),
         ('quantity = "min_gap"\nworse_by = 0.1', "min_gap is worse by more than 0.1 m in 1 of "),
         ('quantity = "d_i"\nworse_by = 1.0', ""),
     ],
