@@ -77,7 +77,7 @@ def read_input_text(path: Path, what: str, largest: int = LARGEST) -> str:
         # some editors put a mark before the text
         return read_input(path, what, largest).decode("utf-8-sig")
     except UnicodeDecodeError as error:
-        raise _unreadable(path, what, error) from error
+        raise InputError(f"{_unreadable(path, what, error)} Save it as UTF-8.") from error
 
 
 NO_WORKING_FOLDER = "The working folder must exist, but it was deleted: change to another folder."

@@ -101,7 +101,7 @@ def test_what_is_not_a_file_is_refused(tmp_path):
     cases = {
         tmp_path / "nowhere": "There is no test file",
         tmp_path / "folder": "cannot be read: ",
-        tmp_path / "latin": "cannot be read: 'utf-8' codec",
+        tmp_path / "latin": r"cannot be read: 'utf-8' codec.*\. Save it as UTF-8\.$",
         tmp_path / "latin" / "below": "cannot be read: ",
         tmp_path / ("x" * 300): "cannot be read: ",
         tmp_path / "a\x00b": "cannot be read: ",
