@@ -9,6 +9,7 @@ Users: `drivers/recorded/importing.py`.
 """
 
 import gzip
+from contextlib import ExitStack
 from pathlib import Path
 
 import numpy as np
@@ -114,9 +115,12 @@ def _from_csv(path: Path) -> DataFrame:
 def _from_xml(path: Path) -> DataFrame:
     rows = []
     opening = gzip.open if path.suffix == ".gz" else open
-    with reading(path), opening(input_file(path, "file"), "rb") as file:
+    with reading(path), ExitStack() as opened:
         for _, step in etree.iterparse(
-            file, tag="timestep", resolve_entities=False, no_network=True
+            opened.enter_context(opening(input_file(path, "file"), "rb")),
+            tag="timestep",
+            resolve_entities=False,
+            no_network=True,
         ):
             for item in step.iterchildren("vehicle", "person", "container"):
                 rows.append(dict(item.attrib, time=step.get("time"), row=item.sourceline))
