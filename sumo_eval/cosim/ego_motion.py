@@ -30,7 +30,8 @@ from sumo_eval.cosim.impossible import (
 )
 from sumo_eval.cosim.records import MAP, NEXT, STRAIGHT, SUMO, first_number
 from sumo_eval.cosim.stage import Stage
-from sumo_eval.cosim.sumo.sumo_files import EGO, gripped, vehicle_edges
+from sumo_eval.cosim.sumo.sections import vehicle_edges
+from sumo_eval.cosim.sumo.sumo_files import EGO, gripped
 from sumo_eval.cosim.world import World
 from sumo_eval.errors import ControllerError, SimulationError
 from sumo_eval.scenario.road.reference_line import curvatures, end_curvatures, frame_places

@@ -32,8 +32,9 @@ from sumo_eval.cosim.plans import Executor, checked_answer
 from sumo_eval.cosim.policies import make_briefing, with_time
 from sumo_eval.cosim.records import COMMAND, MODEL, SUMO, first_number
 from sumo_eval.cosim.stage import EGO_SPEED_MODE, EXACT_SPEED_MODE, LEFT_BATCH, Stage
+from sumo_eval.cosim.sumo.sections import sections
 from sumo_eval.cosim.sumo.shared_files import suffix
-from sumo_eval.cosim.sumo.sumo_files import EGO, sections
+from sumo_eval.cosim.sumo.sumo_files import EGO
 from sumo_eval.cosim.vehicle_model import Command
 from sumo_eval.cosim.world import World, corner
 from sumo_eval.errors import ControllerError, ControllerTimeoutError, said

@@ -32,14 +32,10 @@ from sumo_eval.cosim.discrepancies import (
 from sumo_eval.cosim.impossible import FARTHEST, FASTEST, LOSS_MARGIN, LOWEST_SPEED, impossible
 from sumo_eval.cosim.records import STRAIGHT
 from sumo_eval.cosim.sumo.insides import simulation_step, simulation_time, vehicles
+from sumo_eval.cosim.sumo.sections import on_route, vehicle_routes
 from sumo_eval.cosim.sumo.session import bend_tolerance, check_start
 from sumo_eval.cosim.sumo.shared_files import suffix, vehicle_names
-from sumo_eval.cosim.sumo.sumo_files import (
-    departure_speed,
-    departures,
-    on_route,
-    vehicle_routes,
-)
+from sumo_eval.cosim.sumo.sumo_files import departure_speed, departures
 from sumo_eval.cosim.world import World
 from sumo_eval.errors import SimulationError
 from sumo_eval.scenario.concrete import ConcreteScenario
@@ -169,18 +165,14 @@ class Stage:
         sends = self.ads_asks or compares or world.may_leave(world.time + self._step)
         return (self._to_sumo if sends else 0), compares
 
-    def _move(
-        self, number: int, x: float, y: float, angle: float, speed: float,
-        *, keep_route: int | None = None,
-    ) -> None:  # fmt: skip
+    def _move(self, number: int, x: float, y: float, angle: float, speed: float) -> None:
         """Put the front bumper of a vehicle where it is on the map at the step's end.
 
-        x, y: m. angle: SUMO's, deg. speed: m/s. keep_route: None: as for all vehicles.
+        x, y: m. angle: SUMO's, deg. speed: m/s.
         """
         name = self._flat[number]
-        mode = self._keep_route if keep_route is None else keep_route
         self.calls.setSpeed(name, speed)
-        self.calls.moveToXY(name, self._edge[number], self._lane, x, y, angle, mode)
+        self.calls.moveToXY(name, self._edge[number], self._lane, x, y, angle, self._keep_route)
 
     def tell(self, world: World, count: int) -> None:
         """Hand the motion of this step to SUMO: `count` rows of `world.tell`."""
@@ -232,13 +224,15 @@ class Stage:
         has to look at all edges near it, and gives it another route. In a batch its row leaves:
         the edges of all rows are at the same place.
         """
-        for number, *motion in world.tell[:count, :5].tolist():
-            number = int(number)
-            is_on_route = on_route(self._road, self._routes[self._flat[number]], *motion[:2])
-            if not is_on_route and not self._alone:
-                world.leave(number // self._width, LEFT_BATCH)
+        calls = self.calls
+        for number, x, y, angle, speed in world.tell[:count, :5].tolist():
+            name, edge = self._flat[int(number)], self._edge[int(number)]
+            mode = _OWN_ROAD if on_route(self._road, self._routes[name], x, y) else _ANY_ROAD
+            if mode == _ANY_ROAD and not self._alone:
+                world.leave(int(number) // self._width, LEFT_BATCH)
                 continue
-            self._move(number, *motion, keep_route=_OWN_ROAD if is_on_route else _ANY_ROAD)
+            calls.setSpeed(name, speed)
+            calls.moveToXY(name, edge, self._lane, x, y, angle, mode)
 
     def _tell_lanes(self, world: World, count: int) -> None:
         """Hand over the motion of this step on a curved road, as places on lanes.

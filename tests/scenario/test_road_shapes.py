@@ -14,7 +14,8 @@ from refusals import refused
 from road_scenes import central_case, scenario_of
 from tables import rows_of
 
-from sumo_eval.cosim.sumo.sumo_files import network_xml, road_edges, routes_xml, vehicle_edges
+from sumo_eval.cosim.sumo.sections import road_edges, vehicle_edges
+from sumo_eval.cosim.sumo.sumo_files import network_xml, routes_xml
 from sumo_eval.method.compared_drives import slice_points
 from sumo_eval.report.page_data import drawn_shape
 from sumo_eval.scenario import catalogue

@@ -20,7 +20,8 @@ from typing import Any
 import numpy as np
 from lxml import etree
 
-from sumo_eval.cosim.sumo.sumo_files import EGO, network_xml, road_edges, view_xml
+from sumo_eval.cosim.sumo.sections import road_edges
+from sumo_eval.cosim.sumo.sumo_files import EGO, network_xml, view_xml
 from sumo_eval.errors import InputError, needs_extra
 from sumo_eval.scenario.bodies import BODIES, CAR
 from sumo_eval.scenario.concrete import Road

@@ -19,13 +19,8 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
-from sumo_eval.cosim.sumo.sumo_files import (
-    EGO,
-    departures,
-    network_xml,
-    vehicle_routes,
-    vehicle_types,
-)
+from sumo_eval.cosim.sumo.sections import vehicle_routes
+from sumo_eval.cosim.sumo.sumo_files import EGO, departures, network_xml, vehicle_types
 from sumo_eval.scenario.bodies import VULNERABLE
 from sumo_eval.scenario.concrete import ConcreteScenario, Road
 from sumo_eval.settings import SimulationSettings
