@@ -41,7 +41,7 @@ def input_file(path: Path, what: str) -> Path:
     try:
         mode = os.stat(path).st_mode
     except FileNotFoundError:
-        raise InputError(f"There is no {clean(f'{what} {path}')}.{nearest_file(path)}") from None
+        raise InputError(f"There is no {clean(f'{what} {path}')}.{_nearest(path)}") from None
     except (OSError, ValueError) as error:  # ValueError: a NUL byte in the path
         raise _unreadable(path, what, error) from error
 
@@ -163,7 +163,7 @@ def hash_of(path: Path, what: str) -> str:
         raise _unreadable(path, what, error) from error
 
 
-def nearest_file(path: Path) -> str:
+def _nearest(path: Path) -> str:
     """A sentence that names the nearest file of the same folder and ending; "" without one."""
     try:
         stems = sorted(it.stem for it in path.parent.iterdir() if it.suffix == path.suffix)

@@ -10,7 +10,6 @@ import importlib
 import importlib.util
 import os
 import sys
-from contextlib import suppress
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -18,7 +17,7 @@ from unicodedata import normalize
 
 from sumo_eval.errors import InputError, did_you_mean, users_code
 from sumo_eval.gone import MODULES
-from sumo_eval.input_file import hash_of, nearest_file
+from sumo_eval.input_file import hash_of
 from sumo_eval.text import words_of
 
 FOLDERS: list[str] = []
@@ -69,9 +68,6 @@ def _load_module(name: str, folder: Path | None, owner: str) -> ModuleType:
 
 def _load_file(file: str, folder: Path | None, owner: str) -> ModuleType:
     path = Path(os.path.realpath((folder or Path()) / file))  # a loop of links raises no error
-    with suppress(OSError):  # of a name that is too long: `hash_of` refuses it
-        if not path.exists():
-            raise InputError(f"{owner}: there is no file {path}.{nearest_file(path)}")
     try:
         content = hash_of(path, "file")
     except InputError as error:

@@ -142,7 +142,7 @@ def test_a_class_of_another_tool_gets_advice_on_act(mine, method):
 def test_what_cannot_be_loaded_is_refused(tmp_path):
     done = check("mine.py:acc", tmp_path, status=2)
     assert done.stdout == ""
-    assert done.stderr.startswith("sumo-eval: ADS `mine.py:acc`: there is no file")
+    assert done.stderr.startswith("sumo-eval: ADS `mine.py:acc`: There is no file")
     (tmp_path / "mime.py").touch()
     assert "mime.py`?" in check("mine.py:acc", tmp_path, status=2).stderr
 

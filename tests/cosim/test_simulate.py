@@ -262,7 +262,7 @@ ideal_brakin | Did you mean `ideal_braking`?
 idn | Did you mean `idm`?
 sumo:IDN | Unknown SUMO car-following model `IDN`. Did you mean `IDM`?
 no_such_module_of_mine:Ads | there is no module `no_such_module_of_mine`
-no_such_file.py:Ads | there is no file
+no_such_file.py:Ads | There is no file
 math:squrt | `math` has no `squrt`. Did you mean `sqrt`?
 math:pi
 | must be a function (traci, ego, time), a class or an object with a `step` method, got float

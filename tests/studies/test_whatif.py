@@ -178,7 +178,7 @@ def test_a_case_of_a_missing_ads_is_refused_with_the_reason(folder, hit):
     file = folder.parent / "too_late.py"
     moved_away = file.rename(file.with_suffix(".txt"))
     try:
-        with refusal(r"now not evaluated \(ADS .*there is no file .*too_late\.py"):
+        with refusal(r"now not evaluated \(ADS .*There is no file .*too_late\.py"):
             WhatIf(folder).answers(hit)
     finally:
         moved_away.rename(file)
