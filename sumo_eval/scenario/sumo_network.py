@@ -231,6 +231,8 @@ def _along_x(lanes: _Lanes) -> _Course | None:
     along: list[float] = []
     for right_lane, *_ in lanes:  # of each edge x of both ends
         x = onto_the_line(right_lane.shape, axis)[:, 0]
+        if x[-1] <= x[0]:  # back beside the first edge, after a turn
+            return None
         along += [float(x[0]), float(x[-1])]
     return (), [{places[lane.id] for lane in of_edge} for of_edge in lanes], along
 

@@ -422,6 +422,21 @@ def test_curved_edges_are_driven_in_their_order(bent):
         read_road(bent, ["road0", "road1", "road2"], 1200.0)
 
 
+U_TURN = """<net><edge id="out" from="a" to="b"><lane id="out_0" index="0" speed="30" length="200"
+shape="0,0 200,0"/></edge><edge id="back" from="b" to="c"><lane id="back_0" index="0" speed="30"
+length="120" shape="200,3.2 80,3.2"/></edge><junction id="a" type="dead_end" x="0" y="0" incLanes=""
+intLanes=""/><junction id="b" type="unregulated" x="200" y="0" incLanes="out_0" intLanes=""/><junction
+id="c" type="dead_end" x="80" y="3.2" incLanes="back_0" intLanes=""/><connection from="out" to="back"
+fromLane="0" toLane="0" dir="t" state="M"/></net>"""
+
+
+def test_an_edge_back_beside_the_first_is_no_lane_of_a_straight_road(tmp_path):
+    """It was the left lane of a straight road of 80 m."""
+    (tmp_path / "u.net.xml").write_text(U_TURN)
+    with refusal("The radius of the road along out, back of network u.net.xml must be at least"):
+        read_road(tmp_path / "u.net.xml", ["out", "back"], 60.0)
+
+
 @pytest.mark.campaign
 def test_corner_that_no_car_can_drive_is_refused(tmp_path):
     corner = turned(tmp_path / "corner.net.xml", bend=800.0)
