@@ -227,7 +227,8 @@ class Batches:
 
     def remark(self, case: Case) -> tuple[Alone | None, str]:
         """Reason why a case ran alone, and addition to its log; each is given once."""
-        return self._remarks.pop(case.key, (None, ""))
+        # a case without its own has never been in a batch, if its ADS is known to keep state
+        return self._remarks.pop(case.key, (self._keeps_state.get(case.controller), ""))
 
 
 def largest_batch(setup: Setup) -> int:

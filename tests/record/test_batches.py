@@ -342,6 +342,20 @@ def test_finished_batches_run_again_alone_once_state_shows(tmp_path, monkeypatch
     assert not any(one.batched for one in once)
 
 
+def test_later_cases_of_state_kept_have_the_reason_too(tmp_path):
+    (tmp_path / "mine.py").write_text(
+        "from sumo_eval import Command\n"
+        "CALLS = []\n"
+        "class Mine:\n"
+        "    def act(self, seen):\n"
+        "        CALLS.append(1)\n"
+        "        return Command(-0.0001 * len(CALLS))\n"
+    )
+    run = RunSettings(engine="serial", cases_per_pack=4)
+    found = run_cases(cases("mine.py:Mine", 9), Setup(SIMULATION, run, tmp_path))
+    assert [one.alone and one.alone.why for one in found] == ["keeps_state"] * 9
+
+
 def test_state_found_on_one_worker_of_a_cluster_counts_on_all():
     plan, state = Batches(cases("hook"), workers=2, largest=9), Alone("keeps_state", "Mine.seen")
     batch = plan.take()
