@@ -371,9 +371,11 @@ def _kind(
 
 
 def _needs_any_edge(concrete: ConcreteScenario) -> bool:
-    """Whether SUMO has to look for vehicles beside their routes (`Stage._tell_sections`): where
-    roads cross or lanes part from the road, and for vehicles that are placed on the map or point
-    against the road. In a batch with hooks, the edges of other cases are there as well.
+    """Whether SUMO may have to look for vehicles off their routes (`Stage._tell_sections`), where
+    in a batch of hooks the edges of all cases are: on roads that cross or that lanes leave, and for
+    vehicles that are placed on the map or point against the road.
+
+    Also true of a curved road of several sections, as `on_route` knows straight roads alone.
     """
     road = concrete.road
     return (
@@ -465,7 +467,7 @@ def _manner(
         return _Manner(id(policy), lambda: shared, over_arrays=True)
     if one_case:
         return _Manner(type(ads), lambda: ads)
-    if reason := _bound(user_code):
+    if reason := _shared_state(user_code):
         return _alone(reason)
     return _Manner(type(ads), lambda: wrap(make()), code=user_code)
 
@@ -478,7 +480,7 @@ def _manner_of_hook(user_code: Any, ads: Adapter, make: Callable[[], Adapter]) -
     own_type = getattr(user_code, "vehicle_type", None)
     if own_type is not None or not isinstance(ads, ObjectController):
         return _alone(ON_TRACI)
-    if reason := _bound(user_code):
+    if reason := _shared_state(user_code):
         return _alone(reason)
     if reaches_libsumo(user_code, ads.target):
         return _alone(ON_TRACI)
@@ -492,12 +494,11 @@ def _alone(reason: Alone) -> _Manner:
     return _Manner(None, lambda: None, reason)
 
 
-def _bound(user_code: Any) -> Alone | None:
-    """Why the cases of an ADS may depend on each other, so that each is driven alone; None: they do
-    not.
+def _shared_state(user_code: Any) -> Alone | None:
+    """Why each case of an ADS is driven alone: its cases share state; None: they are not known to.
 
-    One object serves them all, or an earlier batch has shown that the class or function, of which
-    each case gets an object of its own, keeps state.
+    Either one object serves all cases, or each case gets an object of a class or function that an
+    earlier batch has shown to keep state.
     """
     is_fresh = inspect.isclass(user_code) or inspect.isfunction(user_code)
     return _KEEPS_STATE.get(user_code) if is_fresh else ONE_OBJECT

@@ -227,7 +227,7 @@ class Batches:
 
     def remark(self, case: Case) -> tuple[Alone | None, str]:
         """Reason why a case ran alone, and addition to its log; each is given once."""
-        # a case without its own has never been in a batch, if its ADS is known to keep state
+        # a case without a reason of its own was never in a batch, if its ADS is known to keep state
         return self._remarks.pop(case.key, (self._keeps_state.get(case.controller), ""))
 
 

@@ -342,7 +342,7 @@ def test_finished_batches_run_again_alone_once_state_shows(tmp_path, monkeypatch
     assert not any(one.batched for one in once)
 
 
-def test_later_cases_of_state_kept_have_the_reason_too(tmp_path):
+def test_each_case_of_an_ads_with_state_has_the_reason(tmp_path):
     (tmp_path / "mine.py").write_text(
         "from sumo_eval import Command\n"
         "CALLS = []\n"

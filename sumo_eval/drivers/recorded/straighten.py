@@ -20,6 +20,7 @@ import numpy as np
 from pandas import DataFrame, Series, concat
 from scipy.spatial import cKDTree
 
+from sumo_eval.drivers.recorded.importers.tables import TRACK
 from sumo_eval.drivers.recorded.recordings import STANDARD_LANE, smooth
 from sumo_eval.errors import InputError, must_be
 from sumo_eval.trajectory import FloatArray
@@ -65,7 +66,7 @@ def straighten(table: DataFrame) -> tuple[DataFrame, tuple[str, ...]]:
             notes.append(f"{name}: {stream['vehicle'].nunique()} vehicles along one path, {lanes}.")
         notes += [f"{recording}: {number} {why}." for why, number in lost.items() if number]
     if not parts:
-        tracks = table.groupby(["recording", "vehicle"])[["x", "y"]]
+        tracks = table.groupby(TRACK)[["x", "y"]]
         longest = np.hypot(*(tracks.max() - tracks.min()).to_numpy().T).max(initial=0.0)
         raise InputError(
             f"At least one vehicle must move {SHORTEST_AXIS:g} m as it is headed, got none that "
