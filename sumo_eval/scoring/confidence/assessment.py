@@ -163,9 +163,9 @@ def risk(
     loss: L of Eq. 14, (n,), 0 without a collision.
     seed, name: of the random stream.
 
-    If all cases end alike, so do all resamples of them. So the exact binomial limit for n effective
-    cases, u = 1 - ((1 - level) / 2)^(1 / n), is the upper end if no case with exposure collided. If
-    all of them collided, the lower end is multiplied by 1 - u.
+    If all cases end alike, so do all resamples of them. So the upper end is at least the exact
+    binomial limit for n effective cases without a collision, u = 1 - ((1 - level) / 2)^(1 / n). If
+    all cases with exposure collided, the lower end is multiplied by 1 - u.
     """
     n = len(exposure)
     if n < 2 or not exposure.sum() > 0.0:
@@ -189,10 +189,10 @@ def risk(
         drawn_sums: sum of exposure times value in each replicate, (m,).
         """
         low, high = np.quantile(drawn_sums[drawn] / over[drawn], [tail, 1.0 - tail])
-        if not exposed_hit.any():
-            high = unseen  # limits the expected loss as well, because L is at most 1
-        elif exposed_hit.all():
+        if exposed_hit.all():
             low = float(low) * (1.0 - unseen)
+        # `unseen` limits the expected loss as well, because L is at most 1
+        high = max(high, unseen)
         return Interval(float(exposure @ values / exposure.sum()), float(low), float(high))
 
     return Risk(interval(hit, hits), interval(loss, losses), effective)

@@ -43,6 +43,14 @@ def test_no_collision_in_100_cases_does_not_exclude_3_per_cent():
     assert found.expected_loss.value == 0.0
 
 
+def test_a_collision_never_lowers_the_upper_end():
+    """None in 20 leaves 0.168 open, so one in 20 cannot leave less."""
+    ends = [risk(np.ones(20), np.where(np.arange(20) < hits, 0.4, 0.0), 5) for hits in range(4)]
+    for name in ("collision_probability", "expected_loss"):
+        highs = [getattr(found, name).high for found in ends]
+        assert highs == sorted(highs), name
+
+
 @pytest.mark.parametrize("loss", [0.0, 1.0])
 def test_a_case_without_exposure_changes_no_risk(loss):
     found, cases = risk(np.ones(9), np.full(9, loss), 5), np.append(np.full(9, loss), 1.0 - loss)
