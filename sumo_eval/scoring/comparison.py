@@ -559,17 +559,27 @@ def _one_regret(terms: Terms) -> bool:
     return old == now
 
 
+_TOTALS = {"s": {"d"}, "s_plus": {"task_share", "human_likeness"}}
+"""Total -> means over safe cases that enter it."""
+
+
 def _quantity_changes(terms: Terms, settings: GateSettings) -> dict[str, QuantityChange]:
     """Name -> a score in both runs, with the interval of its difference.
 
     settings: `confidence`, `resamples`, `seed`.
     """
     # imported here: it loads scipy and libsumo, which reading earlier results does not need
-    from sumo_eval.scoring.confidence.intervals import percentiles
+    from sumo_eval.scoring.confidence.intervals import LEAST, percentiles, single_means
 
+    # scores that a single pair changes: it does not show how far pairs differ
+    single = {name for run in terms for name in single_means(run)}
+    single |= {total for total, parts in _TOTALS.items() if single & parts}
+    pairs = len(terms[0].collided)
+    if pairs < LEAST:
+        single = set(COMPARED.values())
     old, now = map(point_values, terms)
     resampled = paired_differences(*terms, settings.resamples, settings.seed)
-    freedom = (len(terms[0].collided) - 1) or 1  # degrees of freedom, at least 1
+    freedom = max(pairs - 1, 1)  # degrees of freedom
     changes = {}
     for name, score in COMPARED.items():
         before, after = old[score], now[score]
@@ -577,5 +587,7 @@ def _quantity_changes(terms: Terms, settings: GateSettings) -> dict[str, Quantit
         if (name != "regret" or _one_regret(terms)) and before is not None and after is not None:
             replicates = resampled[name]
             ends = percentiles(replicates, replicates, freedom, settings.confidence) or ()
+            if score in single and before != after:
+                ends = ()
             changes[name] = QuantityChange(before, after, after - before, *ends)
     return changes

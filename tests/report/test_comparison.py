@@ -4,7 +4,7 @@ silence."""
 from dataclasses import replace
 
 import pytest
-from builders import CALM, HOSTILE
+from builders import CALM, CUT_OUT, HOSTILE
 from refusals import refusal
 from report_cases import HIT, pick, with_case, with_settings
 
@@ -54,6 +54,32 @@ def test_the_quantities_over_all_pairs_are_the_printed_ones(evaluation):
             assert one.quantities[name].new == (
                 None if value is None else pytest.approx(value, abs=1e-12)
             )
+
+
+def test_a_single_pair_has_no_interval_of_a_change(evaluation):
+    """One pair does not show how far pairs differ: 95 % of nothing is no ground for a gate."""
+    likened = pick(evaluation, collided=False, zone="safe")
+    one = replace(evaluation, cases=(likened,))
+    worse = with_case(one, likened, task_share=0.2, human_likeness=0.1, index=0.1)
+    (part,) = compare(one, worse, GATE).ads
+    assert part.quantities["S+"].difference < 0.0
+    assert not any(change.certain for change in part.quantities.values())
+    (same,) = compare(one, one, GATE).ads
+    assert same.quantities["S+"].unchanged
+
+
+def test_one_safe_pair_leaves_means_without_interval(evaluation):
+    group = evaluation.cases_of(CALM, CUT_OUT)
+    likened = next(case for case in group if case.safe and case.index is not None)
+    few = [case for case in group if not case.safe or case.case == likened.case]
+    assert len(few) > 2
+    run = replace(evaluation, cases=few)
+    worse = with_case(run, likened, task_share=0.2, human_likeness=0.1, index=0.1)
+    (part,) = compare(run, worse, GATE).ads
+    changes = part.quantities
+    assert changes["T"].difference < 0.0
+    assert [name for name in ("T", "H", "D", "S+", "S") if changes[name].low is not None] == []
+    assert changes["A"].unchanged
 
 
 def test_every_kind_of_change_is_found_and_named(evaluation):

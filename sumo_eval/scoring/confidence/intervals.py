@@ -197,7 +197,7 @@ class _Sums:
         better = _with_drivers(plain, ads, deviates)
         worse = _with_losses(better, self._unseen.losses(of_unseen, unseen))
         worse = _with_one_more(worse, better, terms, weight)
-        single = _single(terms)
+        single = single_means(terms)
         worse = _with_open_means(worse, single, 0.0, terms.method)
         better = _with_open_means(better, single, 1.0, terms.method)
 
@@ -309,7 +309,10 @@ def _with_losses(scores: ScoreSamples, losses: ScoreSamples) -> ScoreSamples:
 def _with_open_means(
     scores: ScoreSamples, single: Sequence[str], end: float, method: MethodSettings
 ) -> ScoreSamples:
-    """The scores, but those of `single` (see `_single`) at one end of 0..1 where they exist."""
+    """The scores, but those of `single` at one end of 0..1 where they exist.
+
+    single: as from `single_means`.
+    """
     open_means = {name: np.where(np.isnan(scores[name]), np.nan, end) for name in single}
     return _summed({**scores, **open_means}, method)
 
@@ -412,7 +415,7 @@ class UnseenCollisions(NamedTuple):
         return losses
 
 
-def _single(terms: CaseTerms) -> list[str]:
+def single_means(terms: CaseTerms) -> list[str]:
     """Names of the means over safe cases, 0..1, that come from a single case with exposure. It does
     not show how far cases differ, so the mean may be anything.
     """
