@@ -98,6 +98,13 @@ def test_a_driver_counts_once_and_a_recording_that_ends_too_early_does_not(tmp_p
     assert short.left_out == pytest.approx((share,))
 
 
+def test_a_driver_counts_once_on_both_sides_of_a_hole(tmp_path):
+    path = write_people(tmp_path, [25.0], seconds=30.0)
+    table = pd.read_csv(path)
+    pd.concat([table, table.assign(t=table["t"] + 100.0)]).to_csv(path, index=False)
+    assert found_in(settings_for(path), tmp_path).names == ("r0/ego",)
+
+
 def test_a_recorded_drive_that_leaves_the_road_does_not_count(tmp_path):
     path = write_people(tmp_path, [25.0], side=-1)
     assert found_in(settings_for(path), tmp_path) == Reference(left_out=(math.inf,))

@@ -123,7 +123,10 @@ def _even_tracks(rows: DataFrame) -> tuple[list[DataFrame], int, int]:
     vehicle = [rows[name] for name in TRACK]
     hole = rows["t"].groupby(vehicle).diff() > LONGEST_HOLE + 1e-6
     names = numbered(rows["vehicle"], hole.groupby(vehicle).cumsum())
-    pieces = rows.assign(vehicle=names).groupby(TRACK, sort=False)
+    # both sides of a hole have one driver, by the name that a track without one gives its driver
+    unnamed = hole.groupby(vehicle).transform("any") & (rows["driver"] == "")
+    drivers = rows["driver"].mask(unnamed, rows["recording"] + "/" + rows["vehicle"])
+    pieces = rows.assign(vehicle=names, driver=drivers).groupby(TRACK, sort=False)
     tracks = [even for _, piece in pieces if (even := _on_the_clock(piece)) is not None]
     return tracks, hole.sum(), pieces.ngroups - len(tracks)
 
