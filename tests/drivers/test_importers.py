@@ -385,6 +385,12 @@ def test_a_damaged_file_gets_one_sentence_and_nothing_half_imported_stays(
     assert not out.parent.exists() or not list(out.parent.iterdir())
 
 
+def test_a_table_in_another_encoding_is_refused_with_the_remedy(tmp_path):
+    (tmp_path / "x.csv").write_bytes("vehicle,t,x,y\n\u8f66,0,0,0\n".encode("gbk"))
+    arguments = "map", tmp_path / "x.csv", "--out", tmp_path / "y.csv"
+    cli_refuses("invalid start byte. Save it as UTF-8.", "humans", "import", *arguments)
+
+
 def test_the_first_time_has_no_sign(tmp_path):
     out = tmp_path / "out.csv"
     write_csv(import_recordings("map", [plain_file(tmp_path / "a.csv")]), out)

@@ -49,7 +49,7 @@ HEADING_SHARE = 0.99  # of these steps, whose course is near the heading
 HEADING_LIMIT = 0.5  # rad; a course at most this far from the heading is near it
 COMPRESSED: Any = {".gz": gzip.open, ".bz2": bz2.open, ".xz": lzma.open}
 """Functions that open a compressed file, by its ending."""
-_UNREADABLE = OSError, EOFError, UnicodeDecodeError, csv.Error, zlib.error, lzma.LZMAError
+_UNREADABLE = OSError, EOFError, csv.Error, zlib.error, lzma.LZMAError
 _SEPARATORS = {",": "Commas", ";": "Semicolons", r"\s+": "Spaces"}
 WHOLE = {"lane", "Lane_ID", "Vehicle_ID", "id", "trackId"}  # columns of whole numbers
 
@@ -74,6 +74,8 @@ def reading(path: Path) -> Iterator[None]:
     """Raise InputError for a file that cannot be read, or for the line where its XML is damaged."""
     try:
         yield
+    except UnicodeDecodeError as error:
+        raise InputError(f"{path} cannot be read: {error}. Save it as UTF-8.") from error
     except _UNREADABLE as error:
         raise InputError(f"{path} cannot be read: {str(error).rstrip('.')}.") from error
     except etree.XMLSyntaxError as error:
