@@ -328,7 +328,7 @@ csv | x.csv | recording,vehicle,t,x,y,length,width,speed\nr,a,0,1,2,4,2,36\nr,a,
 csv | x.csv | recording,vehicle,t,x,y,length,width,speed\nr,a,0,1,2,4,2,-9\nr,a,1,10,2,4,2,-9\n
 | must be in m/s, got -1 times the speed
 csv | x.csv | recording,vehicle,t,x,y,length,width,heading\nr,a,0,1,2,4,2,90\nr,a,1,9,2,4,2,90\n
-| `heading` of recording `r` must be in rad, got 2.04 rad off the course that x, y and t show
+| `heading` of recording `r` must be in rad, counter-clockwise from x, got 2.04 rad off the course
 csv | x.csv | recording,vehicle,t,x,y,length,width,lane\nr,a,0,1,2,4,2,0\nr,b,1,9,-2,4,2,1\n
 | must grow to the left, as y does, got lane 1 to the right of the one before
 csv | x.csv | OWNr,a,0,0,5,0,4,2\n | a row has more cells than the heading. Commas separate cells

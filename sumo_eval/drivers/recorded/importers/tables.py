@@ -250,7 +250,8 @@ def check_motion(table: DataFrame) -> None:
         # the cosine has no jumps of 2 pi; arccos makes it the angle between course and heading
         turned = np.cos(np.arctan2(aside, ahead) - table["heading"])
         angles = np.arccos(turned[moved > STEP]).groupby(recording).quantile(HEADING_SHARE)
-        _refuse(angles[angles > HEADING_LIMIT], "`heading`", "rad", "rad off the course")
+        unit = "rad, counter-clockwise from x"
+        _refuse(angles[angles > HEADING_LIMIT], "`heading`", unit, "rad off the course")
 
 
 def _refuse(bad: Series[float], channel: str, unit: str, words: str) -> None:
