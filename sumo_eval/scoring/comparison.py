@@ -542,8 +542,10 @@ def _kinds(
         (old.collided, now.collided, "new collision", "collision gone"),
         (left_before, left_now, "left the road", "back on the road"),
     )
-    for before, after, worse, better in flips:
+    # the worse first: a case that leaves the road instead of colliding is not better
+    for before, after, worse, _ in flips:
         mark(after & ~before, worse)
+    for before, after, _, better in flips:
         mark(before & ~after, better)
     mark(harder > least_of_u, "harsher", harder)
     mark(harder < -least_of_u, "softer", harder)

@@ -102,6 +102,21 @@ def test_every_kind_of_change_is_found_and_named(evaluation):
         assert not back.worse
 
 
+def test_no_improvement_hides_a_change_for_the_worse(evaluation):
+    """Leaving the road instead of a collision, or a collision where there was no outcome, is not
+    an improvement."""
+    struck, safe = pick(evaluation, collided=True), pick(evaluation, collided=False)
+    gone = {"status": "ok", "collided": False, "severity": None, "departure_time": 2.0}
+    lost = with_case(evaluation, safe, status="timeout")
+    for base, new, change, case in (
+        (evaluation, with_case(evaluation, struck, **gone), "left the road", struck),
+        (lost, with_case(evaluation, safe, **HIT), "new collision", safe),
+    ):
+        comparison = compare(base, new, GATE)
+        assert changes(comparison) == [(change, case.case)]
+        assert comparison.better == 0
+
+
 def test_changes_that_are_not_listed_are_in_the_junit_file(evaluation, monkeypatch):
     monkeypatch.setattr("sumo_eval.report.comparison_lines.MOST_CHANGES", 0)
     case = pick(evaluation, collided=False)
