@@ -14,9 +14,11 @@ from laid import replace_in
 from refusals import refusal
 from tables import rows_of
 
+from sumo_eval.drivers.recorded.events import extract_events
 from sumo_eval.drivers.recorded.importers import commonroad, highd, levelx, ngsim, openacc, sumo_fcd
 from sumo_eval.drivers.recorded.importing import FORMATS, each_of, import_recordings
 from sumo_eval.drivers.recorded.recordings import COLUMNS, canonical, read_csv, write_csv
+from sumo_eval.scenario.concrete import smooth_step
 
 FCD = "timestep_time;vehicle_angle;vehicle_id;vehicle_speed;vehicle_x;vehicle_y\n"
 OWN = "recording,vehicle,t,x,y,length,width\n"
@@ -653,6 +655,18 @@ def test_lanes_are_found_when_the_axis_changes_lanes(tmp_path):
     cars = [(t, 15.0 * t, 3.5 * (i % 2) + 0.0 * t) for i in range(1, 8)]
     table = on_a_map(tmp_path, changes, *cars).table.query("vehicle != '0'")
     assert table["lane"].eq(table["vehicle"].astype(int) % 2).all()
+
+
+def test_a_cut_in_is_as_quick_as_recorded_whoever_is_the_axis(tmp_path):
+    """At most 1.64 m/s across. Beyond 2 m/s it would be a ghost."""
+    t = np.arange(0.0, 12.0, 0.05)
+    cuts_in = t, 10.0 + 30.0 * t, 3.5 - 3.5 * smooth_step((t - 3.0) / 4.0)
+    keep = [(t, 25.0 * t - 40.0 * i, 0.0 * t) for i in (0, 1)]
+    found = on_a_map(tmp_path, cuts_in, *keep)
+    (event,) = extract_events(found).tables["cut_in"].itertuples()
+    assert event.lateral_speed == pytest.approx(1.64, abs=0.2)
+    assert not any("which of them" in note for note in found.notes)
+    assert any("which of them" in note for note in on_a_map(tmp_path, cuts_in, keep[0]).notes)
 
 
 def test_two_cars_in_few_samples_are_each_in_a_lane(tmp_path):

@@ -63,7 +63,13 @@ def straighten(table: DataFrame) -> tuple[DataFrame, tuple[str, ...]]:
             lanes = f"lanes {width:.2f} m wide" if width else "lanes not visible, 3.5 m assumed"
             if laned["lane"].nunique() == 1:  # every width fits
                 lanes = "in one lane"
-            notes.append(f"{name}: {stream['vehicle'].nunique()} vehicles along one path, {lanes}.")
+            driven = laned.groupby("vehicle")["lane"].nunique()  # number of lanes
+            notes.append(f"{name}: {len(driven)} vehicles along one path, {lanes}.")
+            if len(driven) == 2 and driven.max() > 1:
+                notes.append(
+                    f"{name}: two vehicles do not show which of them changes lane. A table of this "
+                    "project has lanes (format `csv`)."
+                )
         notes += [f"{recording}: {number} {why}." for why, number in lost.items() if number]
     if not parts:
         tracks = table.groupby(TRACK)[["x", "y"]]
@@ -288,19 +294,23 @@ def _visible_lanes(s: FloatArray, d: FloatArray) -> tuple[float | None, Any, Any
     section = ((s - s.min()) / SECTION).astype(int)
     agreement = [np.abs(_phasors(d, section, width)).sum() for width in LANE_WIDTHS]
     width = LANE_WIDTHS[np.argmax(agreement)]
-    phasors = _phasors(d, section, width)
-    steady = np.convolve(phasors, np.ones(SECTIONS_SMOOTHED), "same")[: len(phasors)]
-    seen = np.flatnonzero(steady)  # a section without samples has no angle
-    drift = np.unwrap(np.angle(steady[seen])) / (2 * np.pi) * width
-    middles = s.min() + SECTION * (seen + 0.5)  # of the sections
+    weights = np.ones(len(s))
+    for _ in range(2):  # again almost without vehicles between lanes, which would shift the lanes
+        phasors = _phasors(d, section, width, weights)
+        steady = np.convolve(phasors, np.ones(SECTIONS_SMOOTHED), "same")[: len(phasors)]
+        seen = np.flatnonzero(steady)  # a section without samples has no angle
+        drift = np.unwrap(np.angle(steady[seen])) / (2 * np.pi) * width
+        middles = s.min() + SECTION * (seen + 0.5)  # of the sections
+        middle = np.interp(s, middles, drift)
+        weights = np.maximum(np.cos(2 * np.pi * (d - middle) / width), 0.0)
     slopes = np.gradient(drift, middles) if len(drift) > 1 else np.zeros(1)
-    return width, np.interp(s, middles, drift), np.interp(s, middles, slopes)
+    return width, middle, np.interp(s, middles, slopes)
 
 
-def _phasors(d: FloatArray, section: np.ndarray, width: float) -> np.ndarray:
-    """Sum over each section's samples of exp(2 pi i d / width): long where they agree modulo the
-    width, its angle their circular mean.
+def _phasors(d: FloatArray, section: np.ndarray, width: float, weights: Any = 1.0) -> np.ndarray:
+    """Weighted sum over each section's samples of exp(2 pi i d / width): long where they agree
+    modulo the width, its angle their circular mean.
     """
-    turned = np.exp(2j * np.pi * d / width)
+    turned = weights * np.exp(2j * np.pi * d / width)
     size = int(section.max()) + 1
     return np.bincount(section, turned.real, size) + 1j * np.bincount(section, turned.imag, size)
