@@ -16,6 +16,7 @@ import numpy as np
 from sumo_eval.frozen import frozen
 from sumo_eval.method.measures import STANDING
 from sumo_eval.scenario.concrete import Road, Way
+from sumo_eval.scenario.road.reference_line import frame_places, map_places
 from sumo_eval.trajectory import (
     BoolArray,
     Collision,
@@ -55,20 +56,25 @@ def first_departure(ego: Trajectory, road: Road, margin: float) -> Departure | N
     road: of the scenario; roads that cross it are drivable as well.
     margin: width of a paved edge strip, m, `road_margin` of `[method.task]`.
     """
-    away = np.flatnonzero(off_road(*_corners(ego), road, margin).any(axis=0))
+    # on a curve a body is a rectangle on the map alone
+    pose = map_places(road.line, ego.x, ego.y, ego.heading)
+    x, y, _ = frame_places(road.line, *_corners(*pose, ego), near=ego.x)
+    away = np.flatnonzero(off_road(x, y, road, margin).any(axis=0))
     if not away.size:
         return None
     return Departure(float(ego.time[away[0]]), float(ego.speed[away[0]]))
 
 
-def _corners(ego: Trajectory) -> tuple[FloatArray, FloatArray]:
-    """x and y of the body's four corners, m, (4, n) each."""
+def _corners(
+    x: FloatArray, y: FloatArray, heading: FloatArray, ego: Trajectory
+) -> tuple[FloatArray, FloatArray]:
+    """x and y of the four corners of the ego's body at n poses, m, (4, n) each."""
     # of each corner, forward and to the left of the centre, m, (4, 1)
     along = 0.5 * ego.length * np.array([[1.0, 1.0, -1.0, -1.0]]).T
     aside = 0.5 * ego.width * np.array([[1.0, -1.0, 1.0, -1.0]]).T
-    cosine = np.cos(ego.heading)
-    sine = np.sin(ego.heading)
-    return ego.x + along * cosine - aside * sine, ego.y + along * sine + aside * cosine
+    cosine = np.cos(heading)
+    sine = np.sin(heading)
+    return x + along * cosine - aside * sine, y + along * sine + aside * cosine
 
 
 def off_road(x: FloatArray, y: FloatArray, road: Road, margin: float) -> BoolArray:
@@ -110,7 +116,8 @@ def is_excused(ego: Trajectory, actors: Trajectories) -> bool:
         return False
     # time of the sample after the last one at which the ego moved
     since = ego.time[np.flatnonzero(ego.speed >= STANDING).max(initial=-1) + 1]
-    x, y = (corners[:, -1] for corners in _corners(ego))  # at the end, (4,) each
+    # corners at the end, (4, 1) each
+    x, y = _corners(ego.x[-1:], ego.y[-1:], ego.heading[-1:], ego)
     front = x.max()
     left = y.max()
     right = y.min()

@@ -20,6 +20,7 @@ from sumo_eval.method.driving_task import (
 )
 from sumo_eval.scenario.concrete import Road, Way
 from sumo_eval.scenario.road.lanes import Crossing
+from sumo_eval.scenario.road.reference_line import arc
 
 ROAD = Road("road", 400.0, 2, 3.5, 0.0)
 
@@ -87,6 +88,17 @@ def test_across_a_crossing_road_its_corners_count(x, y, off):
     """Drivable within 5.5 m of x = 50 and 20.5 m of y = 0; the body is 1.8 x 4.5 m there."""
     road = replace(ROAD, crossings=(Crossing(50.0, 10.0, 20.0),))
     ego = Trajectory([0.0, 1.0], [x, x], [y, y], heading=np.full(2, np.pi / 2), speed=np.ones(2))
+    assert (first_departure(ego, road, 0.5) is not None) is off
+
+
+@pytest.mark.parametrize("y, off", [(4.77, False), (4.79, True), (-1.43, False), (-1.45, True)])
+def test_on_a_curve_corners_are_those_of_the_map(y, off):
+    """To the right with R = 30 m, corners are sqrt((30 + y +- 0.9)^2 + 2.25^2) from the centre.
+
+    Limits are 30 + 5.75 and 30 - 2.25 m. In the frame a rectangle's corners are 0.07 m further in.
+    """
+    road = replace(ROAD, line=(arc(100.0, -30.0),))
+    ego = Trajectory([0.0, 1.0], [50.0, 50.0], [y, y], heading=np.zeros(2), speed=np.ones(2))
     assert (first_departure(ego, road, 0.5) is not None) is off
 
 
