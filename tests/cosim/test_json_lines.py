@@ -126,7 +126,10 @@ def test_a_hung_program_is_killed_at_its_deadline_with_everything_it_started(tmp
     found = shell(
         f"read x; echo {{}}; echo $$ > {pids}; sleep 60 & echo $! >> {pids}; wait", step_timeout=0.3
     )
-    assert found.error == "The ADS's program must answer within 0.3 s, and was ended at 0.00 s."
+    assert found.error == (
+        "The ADS's program must answer within 0.3 s, got nothing (it must flush its output after "
+        "every line), and was ended at 0.00 s."
+    )
     assert found.end_reason == "ads_timeout"
     assert clock.monotonic() - began < 30.0  # not the 60 s that it sleeps
     if sys.platform == "linux":

@@ -119,9 +119,12 @@ class JsonLinesProgram(Adapter):
         timeout = None if remaining == float("inf") else remaining
         if remaining <= 0.0 or not any(select.select(to_read, to_write, [], timeout)):
             self._program.kill()
-            got = f", got {self._unread[:200]!r} without an end of line" if self._unread else ""
+            got = "nothing (it must flush its output after every line)"
+            if self._unread:
+                got = f"{self._unread[:200]!r} without an end of line"
             raise ControllerTimeoutError(
-                f"The ADS's program must answer within {self._deadline:g} s{got}, and was ended"
+                f"The ADS's program must answer within {self._deadline:g} s, got {got}, and was "
+                "ended"
             )
 
     def _read(self) -> bytes:
