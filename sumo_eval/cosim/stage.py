@@ -35,7 +35,7 @@ from sumo_eval.cosim.sumo.insides import simulation_step, simulation_time, vehic
 from sumo_eval.cosim.sumo.sections import on_route, vehicle_routes
 from sumo_eval.cosim.sumo.session import bend_tolerance, check_start
 from sumo_eval.cosim.sumo.shared_files import suffix, vehicle_names
-from sumo_eval.cosim.sumo.sumo_files import departure_speed, departures
+from sumo_eval.cosim.sumo.sumo_files import EGO, departure_speed, departures
 from sumo_eval.cosim.world import World
 from sumo_eval.errors import SimulationError
 from sumo_eval.scenario.concrete import ConcreteScenario
@@ -147,8 +147,10 @@ class Stage:
                 if follows:  # SUMO's model drives it
                     continue
                 calls.setSpeedMode(name, EXACT_SPEED_MODE)
-                calls.setSpeed(name, start.speed)
                 self._received_speeds[name] = start.speed
+                if name == EGO and hasattr(self.traci, "ego_has_speed"):
+                    continue
+                calls.setSpeed(name, start.speed)
             for name, actor in zip(names[1:], concrete.actors, strict=True):
                 if departure_speed(actor) < actor.start.speed:
                     calls.setPreviousSpeed(name, actor.start.speed)

@@ -261,6 +261,18 @@ def test_a_client_that_spoils_the_start_gives_up(tmp_path, deed, words):
     assert_ended(found, "ads_error", f"The ADS's program is responsible: {words}")
 
 
+@pytest.mark.parametrize("call", ["setSpeed('ego', 5.0)", "slowDown('ego', 5.0, 1.0)"])
+def test_a_client_sets_its_speed_before_the_first_step(tmp_path, call):
+    """As in SUMO alone: many scripts set a speed once, and then only ask for steps."""
+    found = run(
+        tmp_path,
+        f"import traci\ntraci.start([])\ntraci.vehicle.{call}\nwhile True:\n"
+        "    traci.simulationStep()\n",
+    )
+    assert found.ego.speed[0] == 20.0
+    assert found.ego.speed[-1] < 17.0
+
+
 @pytest.mark.parametrize("text", ["network", "routes"])
 def test_files_that_sumo_refuses_are_no_fault_of_a_client(tmp_path, monkeypatch, text):
     """SUMO reads them only after the client has connected."""

@@ -117,7 +117,10 @@ def sumo_binary() -> str:
 
 @dataclass
 class ServedSimulation:
-    """The harness's connection, with the attributes of the libsumo module that `cosim/` uses."""
+    """The harness's connection, with the attributes of the libsumo module that `cosim/` uses.
+
+    ego_has_speed: the ego was given its first speed, or one of the program's, before `Stage`.
+    """
 
     _connection: Any
     _program: ChildProgram
@@ -130,6 +133,7 @@ class ServedSimulation:
         sumo = self._connection
         self.vehicle, self.lane, self.simulation = sumo.vehicle, sumo.lane, sumo.simulation
         self.TraCIException, self.FatalTraCIError = TraCIException, FatalTraCIError
+        self.ego_has_speed = True
 
     def begin(self, concrete: ConcreteScenario, settings: SimulationSettings) -> None:
         """Become the first of two clients, and insert the vehicles by a step in which none moves;
@@ -140,6 +144,8 @@ class ServedSimulation:
         """
         limit = max(START_TIMEOUT, self._step_timeout)
         self._wait(lambda: self._connection.setOrder(1), limit)
+        # before the program's first turn, in which it may set a speed of its own
+        self._wait(lambda: self.vehicle.setSpeed(EGO, concrete.ego.speed), limit)
         self._wait(self._connection.simulationStep, limit)
         # a request too: SUMO may end in it
         self._wait(lambda: check_start(self, concrete, settings), limit)
