@@ -84,6 +84,7 @@ def test_a_client_and_the_same_script_in_process_make_the_same_recording(
 
 
 TWICE = "traci.start([], label='a')\ntraci.start([], label='b')\n"
+STATE = "traci.start([])\ntraci.simulationStep()\ntraci.simulation.loadState('a.xml')\n"
 CLOSED = "traci.start([])\ntraci.simulationStep()\ntraci.close()\nprint('left')\ntime.sleep(60)\n"
 NO_SPEED = (
     "traci.start([])\ntraci.simulationStep()\n"
@@ -97,6 +98,7 @@ NO_SPEED = (
     [
         ("print('on stdout')\nsys.exit('no map')\n", "with status 1", "on stdout\nno map"),
         (TWICE, "with status 1", "a case takes one connection, got a second one"),
+        (STATE, "with status 1", "do not load (a state neither) or close it to begin again"),
         (CLOSED, "closing its connection", "left"),
         (NO_SPEED, "with status 1", "setSpeed must be given finite numbers, got (nan,)"),
     ],

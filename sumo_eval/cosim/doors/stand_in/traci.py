@@ -57,7 +57,7 @@ def _begin_again(*arguments: Any) -> Any:
     """Refuse a second simulation, started or loaded."""
     raise main.TraCIException(
         "sumo_eval: a case takes one connection, got a second one: start SUMO once, and do not "
-        "load or close it to begin again"
+        "load (a state neither) or close it to begin again"
     )
 
 
@@ -93,6 +93,7 @@ def _quietly(
 connection.Connection.__init__ = _init_once
 connection.Connection.setOrder = lambda *_: None  # the connection has `ORDER`
 connection.Connection.load = _begin_again
+import_module("traci._simulation").SimulationDomain.loadState = _begin_again
 windows = import_module("traci._gui").GuiDomain
 for call in vars(windows):
     if not call.startswith(("_", "get", "has", "is")):
