@@ -575,9 +575,10 @@ def _adapter_of(target: Any) -> Adapter | None:
         return ObjectController(target)
     if not callable(target):
         return None
-    if _takes_one_argument(target):
-        return PolicyController(target)
-    return ObjectController(target) if _takes_three_arguments(target) else None
+    # once for a function, which is asked for every case; another callable need not be hashable
+    door = _door_of if inspect.isfunction(target) else _door_of.__wrapped__
+    adapter = door(target)
+    return adapter(target) if adapter else None
 
 
 def called_by(target: Any) -> str:
@@ -642,6 +643,14 @@ def _foreign_method(target: Any, kind: type) -> str:
     call = getattr(kind, "__call__", None)  # noqa: B004
     is_function = inspect.isfunction(call) and len(inspect.signature(call).parameters) > 1
     return "" if is_function else method
+
+
+@functools.lru_cache(maxsize=8)  # few, as it keeps the functions alive
+def _door_of(function: Callable[..., Any]) -> type[PolicyController | ObjectController] | None:
+    """The adapter of a function, by its arguments; None: it is not a controller."""
+    if _takes_one_argument(function):
+        return PolicyController
+    return ObjectController if _takes_three_arguments(function) else None
 
 
 def _takes_three_arguments(function: Callable[..., Any]) -> bool:
