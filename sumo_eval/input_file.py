@@ -15,6 +15,8 @@ from pathlib import Path
 from sumo_eval.errors import InputError, nearest, said
 from sumo_eval.text import capitalised, clean, words_of
 
+MANIFEST = "manifest.json"
+"""The file by which a folder is known as a run's."""
 LARGEST = 500_000_000
 """Bytes of a file that is read as a whole; recordings are streamed and may be of any size."""
 
@@ -117,7 +119,13 @@ def whole(path: Path) -> Iterator[Path]:
     if path.exists() and not path.is_file():  # a pipe: /dev/stdout resolves to no file
         yield path
         return
-    path = path.resolve()  # a link stays a link
+    target = path.resolve()  # a link stays a link
+    if (path.parent / MANIFEST).exists() and target.parent != path.parent.resolve():
+        raise InputError(
+            f"{path} must be no link out of its run's folder, which may be someone else's, got "
+            f"one to {target}. Remove the link, or name another file to write."
+        )
+    path = target
     # named by process, as another one may write the same file
     half = path.with_name(f"{path.name}.{os.getpid()}.half")
     try:

@@ -15,6 +15,7 @@ from sumo_eval.cosim.doors.controller import find_controller
 from sumo_eval.cosim.doors.fmu import FmuPlant
 from sumo_eval.cosim.doors.given import load_given
 from sumo_eval.drivers.recorded.importing import FORMATS, import_recordings
+from sumo_eval.errors import InputError
 from sumo_eval.extras.openscenario.points import read_variation
 from sumo_eval.extras.openscenario.reading import read_openscenario, read_xml
 from sumo_eval.extras.rates.campaign import read_campaign
@@ -218,6 +219,17 @@ def test_a_link_to_a_file_stays_a_link(tmp_path):
     write_whole(link, "today")
     assert link.is_symlink()
     assert (tmp_path / "report.html").read_text() == "today"
+
+
+def test_a_link_out_of_a_runs_folder_is_not_followed(tmp_path):
+    run, own = tmp_path / "run", tmp_path / "own.txt"
+    run.mkdir()
+    own.write_text("mine")
+    (run / "manifest.json").touch()
+    (run / "report.html").symlink_to(own)
+    with pytest.raises(InputError, match=r"no link out of its run's folder.*own\.txt"):
+        write_whole(run / "report.html", "today")
+    assert own.read_text() == "mine"
 
 
 def test_a_pipe_behind_a_descriptor_receives_the_text():

@@ -19,7 +19,7 @@ from typing import Any
 
 from sumo_eval.errors import InputError
 from sumo_eval.groups import grouped
-from sumo_eval.input_file import sha256, write_whole, writing
+from sumo_eval.input_file import MANIFEST, sha256, write_whole, writing
 from sumo_eval.record.facts_file import FORMAT_VERSION
 from sumo_eval.record.lock import LOCK, held_folder
 from sumo_eval.record.qualification import read_qualification
@@ -33,7 +33,6 @@ from sumo_eval.settings.config import read_evaluation, to_toml
 from sumo_eval.text import file_stem, timestamp
 
 EVALUATION = "evaluation.toml"
-MANIFEST = "manifest.json"
 EXPOSURES = "exposure.json"
 SHARD = "shard"  # name of the note in `FACTS` with the number and count of shards, `1/4`
 GIVEN = "ads"  # folder of pickled ADSs, which have no file of their own (`record.given`)

@@ -18,8 +18,8 @@ import numpy as np
 
 from sumo_eval.case_table import CaseTable
 from sumo_eval.frozen import frozen
-from sumo_eval.input_file import hash_of
-from sumo_eval.record.run_folder import EVALUATION, EXPOSURES, MANIFEST
+from sumo_eval.input_file import MANIFEST, hash_of
+from sumo_eval.record.run_folder import EVALUATION, EXPOSURES
 from sumo_eval.record.store import FACTS
 from sumo_eval.report.checks import FAILED, PASSED, checked_cases
 from sumo_eval.report.page import write_filled, write_json

@@ -23,6 +23,7 @@ from tables import in_campaign
 
 import sumo_eval
 from sumo_eval.errors import InputError, StoppedError
+from sumo_eval.input_file import MANIFEST
 from sumo_eval.record import run_folder
 from sumo_eval.record.facts import merge, parse_shard, record_facts, resolve, verify
 from sumo_eval.record.run_folder import SHARD, only_writer, refuse_incomplete
@@ -379,7 +380,7 @@ def test_shards_of_an_earlier_version_are_merged(tmp_path):
         record_facts(replace(run, shard=(number, 2)), folder)
         manifest = dict(run_folder.read_manifest(folder))
         del manifest["files"], manifest["builds"]
-        (folder / run_folder.MANIFEST).write_text(sealed(manifest))
+        (folder / MANIFEST).write_text(sealed(manifest))
     merge(shards, tmp_path / "merged")
     assert run_folder.read_manifest(tmp_path / "merged")["files"] == {}
     run_folder.write_exposures(shards[1], {"front_vehicle_low_speed": {}})
