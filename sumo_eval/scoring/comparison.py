@@ -36,6 +36,7 @@ from sumo_eval.scoring.comparability import (
     refuse_unless_comparable,
 )
 from sumo_eval.scoring.confidence.paired_differences import COMPARED, paired_differences
+from sumo_eval.scoring.findings import Findings
 from sumo_eval.scoring.gate_settings import (
     HARSHER_BY,
     OF_HARM,
@@ -396,17 +397,23 @@ def _compare_ads(
     base: Evaluation, new: Evaluation, paired: Paired, settings: GateSettings
 ) -> AdsComparison:
     """Compare the cases of an ADS in a scenario, pair by pair."""
-    case = paired.new[0]
+    case, old = paired.new[0], paired.base[0]
     tables = paired.base, paired.new
+    scores = base.score(old.ads, old.scenario), new.score(case.ads, case.scenario)
     methods = base.settings.method, new.settings.method
     runs = case_terms(paired.base, methods[0]), case_terms(paired.new, methods[1])
     base_counts, new_counts = (
-        counts(cases) | {"requirements_missed": int(np.sum(cases.requirements_missed != ""))}
-        for cases in tables
+        counts(cases)
+        | {
+            "requirements_missed": int(np.sum(cases.requirements_missed != "")),
+            # as the score counts them, where a missing reference or D_i counts too
+            "not_evaluated": int(Findings(score, cases, method).missing.sum()),
+        }
+        for score, cases, method in zip(scores, tables, methods, strict=True)
     )
     return AdsComparison(
         case.ads,
-        paired.base[0].ads,
+        old.ads,
         case.scenario,
         identical_pairs(paired, base.folder, new.folder),
         _changes(paired, runs, settings),

@@ -196,6 +196,20 @@ def test_counts_of_a_comparison_are_those_of_its_rows(evaluation):
         assert one.counts == {name: (number, number) for name, number in expected.items()}
 
 
+def test_not_evaluated_counts_what_the_table_counts(evaluation):
+    """A case without Ug is not evaluated in the table of scores; a limit on a rise sees it too."""
+    case = pick(evaluation, collided=False)
+    other = with_case(evaluation, case, ideal_severity=None)
+    part = next(
+        one
+        for one in compare(evaluation, other, GATE).ads
+        if (one.ads, one.scenario) == (case.ads, case.scenario)
+    )
+    before, now = part.counts["not_evaluated"]
+    assert before == evaluation.score(case.ads, case.scenario).not_evaluated
+    assert now == before + 1
+
+
 def test_cases_are_paired_by_their_values_not_by_their_order_or_number(evaluation):
     renumbered = [
         replace(case, case=f"other-{number}")
