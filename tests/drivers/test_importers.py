@@ -501,6 +501,15 @@ def test_one_bad_file_among_good_ones_imports_nothing(tmp_path):
         import_recordings("csv", [good, tmp_path / "bad.csv"])
 
 
+def test_tracks_that_stand_in_two_recordings_are_counted(tmp_path):
+    table = plain_table()
+    other = table[table["vehicle"] == "a"].assign(recording="s")
+    (note,) = imported(tmp_path, pd.concat([table, other])).notes[-1:]
+    assert note.startswith("1 tracks end like one of the same name in another recording.")
+    later = imported(tmp_path, pd.concat([table, other.assign(t=other["t"] + 1.0)]))
+    assert not any("end like" in note for note in later.notes)
+
+
 def test_files_of_a_folder_are_read_one_by_one_when_they_are_asked_for(tmp_path):
     good = plain_file(tmp_path / "1.csv")
     (tmp_path / "2.csv").write_text(good.read_text().replace("r,b,1.0,", "r,b,when,"))

@@ -20,7 +20,7 @@ from sumo_eval.drivers.recorded.importers import (
     osi,
     sumo_fcd,
 )
-from sumo_eval.drivers.recorded.importers.tables import Samples, files_in
+from sumo_eval.drivers.recorded.importers.tables import TRACK, Samples, files_in
 from sumo_eval.drivers.recorded.recordings import MOTOR_CLASSES, Recordings, canonical, read_csv
 from sumo_eval.drivers.recorded.straighten import straighten
 from sumo_eval.errors import InputError, check_known, doubled
@@ -53,13 +53,20 @@ def import_recordings(form: str, paths: Sequence[Path]) -> Recordings:
     if double := doubled(names):
         raise InputError(f"Recordings must have different names, got {double[0]!r} twice.")
     table = pd.concat([part.table for part in parts], ignore_index=True)
-    kinds = table[["recording", "vehicle", "class"]].drop_duplicates()["class"]
+    tracks = table.drop_duplicates(TRACK, keep="last")  # last sample of each
+    kinds = tracks["class"]
     unknown_classes = kinds[~kinds.isin({*MOTOR_CLASSES, "bicycle", "pedestrian"})].value_counts()
     notes = [note for part in parts for note in part.notes]
     notes += [
         f"{count} vehicles have the class `{kind}`, which is not known: they are in no event."
         for kind, count in unknown_classes.items()
     ]
+    again = tracks.duplicated(["vehicle", "t", "x", "y", "speed"]).sum()
+    if again:
+        notes.append(
+            f"{again} tracks end like one of the same name in another recording. Drivers, rates "
+            "and intervals count each: import every drive once."
+        )
     return Recordings(table, tuple(dict.fromkeys(notes)))
 
 
