@@ -142,7 +142,7 @@ def write_junit(suites: Suites, path: Path) -> Path:
     first goes to a temporary file: counting them first would mean to make them twice.
     """
     with (
-        writing(f"The JUnit file {path}"),
+        writing(f"The JUnit file {path}", path.parent),
         ExitStack() as bodies,
         whole(path) as half,
         half.open("wb") as out,

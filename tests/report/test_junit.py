@@ -85,6 +85,10 @@ def test_a_suite_names_s_plus_and_its_parts(evaluation, tmp_path):
     assert "giving up counts as doing nothing: U = 7.50 m/s" in gave_up.text
 
 
+def test_the_folder_of_the_file_is_made(evaluation, tmp_path):
+    assert write_junit(run_suites(evaluation), tmp_path / "reports" / "compare.xml").is_file()
+
+
 def test_the_totals_are_the_sums(evaluation, tmp_path):
     xml = suites_of(evaluation, tmp_path)
     stated = xml.tests, xml.failures, xml.errors
