@@ -124,6 +124,20 @@ def test_rounds_with_few_answers_settle_nothing():
     assert {it.expected_change for it in result.rounds} == {1.0}
 
 
+def test_no_exposure_is_named_where_none_is_known():
+    logical = slice_of(CUT_OUT, {"ego_speed": 30.0, "obstacle_speed": 5.0})
+    content = summary(find_boundary(logical, "stub", _Drives(), budget=32), {})
+    assert "exposure" not in next(sentences(content))
+    known = replace(CUT_OUT, exposure=lambda values: values["gap"] < 60.0)
+    content = summary(
+        find_boundary(
+            slice_of(known, {"ego_speed": 30.0, "obstacle_speed": 5.0}),
+            "stub", _Drives(), budget=32,
+        ), {},
+    )  # fmt: skip
+    assert "of the exposure)" in next(sentences(content))
+
+
 def test_slice_that_never_occurs_has_no_share_of_exposure(tmp_path):
     never = replace(CUT_OUT, exposure=lambda values: np.zeros(np.shape(values["gap"])))
     logical = slice_of(never, {"ego_speed": 30.0, "obstacle_speed": 5.0})

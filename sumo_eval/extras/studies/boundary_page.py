@@ -145,13 +145,15 @@ def chances_on(boundary: FailureBoundary, share: float) -> FloatArray:
 def sentences(content: Json) -> Iterator[str]:
     """The result of the search in words; content: its `summary`."""
     change = content["expected_change"]
+    shares = content["collision_share_of_space"], content["collision_share_of_exposure"]
     of_space, of_exposure = (
-        "an unknown share" if share is None else f"{share:z.1%}"
-        for share in (content["collision_share_of_space"], content["collision_share_of_exposure"])
+        "an unknown share" if share is None else f"{share:z.1%}" for share in shares
     )
+    # without a known exposure both shares are the same number
+    weighted = "" if len(set(shares)) == 1 else f" ({of_exposure} of the exposure)"
     yield (
-        f"{content['scenario']}: {content['ads']} collides in {of_space} of the space "
-        f"({of_exposure} of the exposure), from {content['simulations']} simulations."
+        f"{content['scenario']}: {content['ads']} collides in {of_space} of the space{weighted}, "
+        f"from {content['simulations']} simulations."
     )
     ended = f"The search ended ({content['stopped']})."
     if content["stopped"] == "settled":
