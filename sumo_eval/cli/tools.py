@@ -19,7 +19,7 @@ from sumo_eval.cli.exit_status import DONE, GATE_FAILED, INPUT_WRONG
 from sumo_eval.cli.options import POSITIVE, SEED
 from sumo_eval.cli.progress import Progress
 from sumo_eval.cli.sentences import say, tell
-from sumo_eval.errors import InputError
+from sumo_eval.errors import InputError, nearest, unknown
 from sumo_eval.gone import refuse_use_case
 from sumo_eval.input_file import read_input
 from sumo_eval.text import last_lines, shown
@@ -58,12 +58,14 @@ def check(what: str, step_timeout: float | None, case_timeout: float | None, see
     Exit status: 0 all is well, 1 the ADS breaks the contract or a run would lose cases of it to the
     clock, 2 it cannot be loaded or the file is wrong.
     """
+    from sumo_eval.cosim.doors.controller import SHIPPED
     from sumo_eval.scenario.shipped_files import scenario_files
 
     # each `_check_...` exits: the lines after its call do not run
     file, mark, options = what.partition("?")
-    if file in scenario_files():
-        _check_scenario(f"{scenario_files()[file]}{mark}{options}")
+    scenarios = scenario_files()
+    if file in scenarios:
+        _check_scenario(f"{scenarios[file]}{mark}{options}")
     refuse_use_case(file)
     _refuse_a_folder(file)
     refuse_a_bare_file(file)
@@ -71,6 +73,9 @@ def check(what: str, step_timeout: float | None, case_timeout: float | None, see
         if _is_scenario(Path(file)):
             _check_scenario(what)
         _check_evaluation(Path(what))
+    # a misspelt name of a scenario; any other word goes on as a locator of an ADS
+    if file.isidentifier() and nearest(file, (*SHIPPED, *scenarios)) in scenarios:
+        raise unknown("scenario", file, scenarios)
     _check_controller(what, step_timeout, case_timeout, seed)
 
 

@@ -145,6 +145,8 @@ def test_what_cannot_be_loaded_is_refused(tmp_path):
     assert done.stderr.startswith("sumo-eval: ADS `mine.py:acc`: There is no file")
     (tmp_path / "mime.py").touch()
     assert "mime.py`?" in check("mine.py:acc", tmp_path, status=2).stderr
+    for name, near in (("cutin", "cut_in"), ("idn", "idm")):
+        assert f"`{near}`?" in check(name, tmp_path, status=2).stderr
 
 
 def test_last_words_of_an_ads_that_ends_on_import_are_shown(mine):
