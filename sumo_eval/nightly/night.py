@@ -100,9 +100,13 @@ def run_night(
         _only_one(history, "this one was not begun"),
         open_history(history, create=True) as database,
     ):
-        # the night to continue: the newest stopped night that had begun to record
-        newest_first = reversed(database.stopped_last() if resume else ())
-        stopped = next((name for name in newest_first if is_run(history / NIGHTS / name)), None)
+        # the night to continue: the newest stopped night that had begun to record. One that was
+        # imported since may be a base, which must not change.
+        paths = [history / NIGHTS / name for name in (database.stopped_last() if resume else ())]
+        without_line = _without_line(history, database, None)
+        stopped = next(
+            (path.name for path in paths[::-1] if path in without_line and is_run(path)), None
+        )
         shutil.rmtree(history / AGAIN, ignore_errors=True)  # of a night that was killed
         # first, so that a refused night has removed nothing
         _refuse_without_room(history, database, gate, stopped)

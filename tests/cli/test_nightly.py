@@ -15,6 +15,7 @@ from contextlib import closing, suppress
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
+from unittest.mock import Mock
 
 import junitparser
 import pytest
@@ -31,7 +32,13 @@ from sumo_eval.errors import InputError, StoppedError
 from sumo_eval.evaluation import score
 from sumo_eval.nightly import night
 from sumo_eval.nightly.history import HISTORY, Accepted, open_history
-from sumo_eval.nightly.night import _clear_away, _prune, _refuse_without_room, run_night
+from sumo_eval.nightly.night import (
+    _clear_away,
+    _prune,
+    _refuse_without_room,
+    import_run,
+    run_night,
+)
 from sumo_eval.nightly.repeats import _differences, repeats_of
 from sumo_eval.record.store import open_store
 from sumo_eval.scenario.shipped_files import scenario_files
@@ -263,6 +270,20 @@ def test_a_killed_night_continues_to_the_digest_of_a_whole_one(killed, tmp_path)
     whole = nights(history)[-1]
     assert whole.base == left.name
     assert open_run(left).digest() == open_run(history / whole.folder).digest()
+
+
+def test_imported_night_is_not_continued(file, history, monkeypatch):
+    """Continued, it would be driven with today's ADS and compared with itself."""
+    with monkeypatch.context() as patch:
+        patch.setattr("sumo_eval.nightly.night.judge_night", Mock(side_effect=KeyboardInterrupt))
+        with pytest.raises(StoppedError):
+            run(file, history)
+    imported = import_run(history, max((history / "nights").iterdir())).night
+    sumo_eval("accept", history, imported, "--reason", "good")
+    plant(file.parent, "30, 0:sleeps")
+    result = run(file, history, resume=True)
+    assert "There is no stopped night to continue; this one is a new one." in result.notes
+    assert (result.night.base, result.night.exit_status) == (imported, 1)
 
 
 def test_a_night_of_another_evaluation_is_not_continued(tmp_path):
