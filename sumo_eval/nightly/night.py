@@ -454,13 +454,14 @@ def _size(folder: Path) -> int:
 
 
 def _noted(failure: str, work: Callable[[], object]) -> list[str]:
-    """Do work after the history has the night. Returns a note if the work fails.
+    """Do work after the history has the night. Returns a note if the work fails, or is stopped: the
+    verdict and the exit status of the night must still be given.
 
     failure: beginning of the note.
     """
     try:
         work()
-    except (InputError, OSError, sqlite3.Error) as error:
+    except (InputError, OSError, sqlite3.Error, StoppedError, KeyboardInterrupt) as error:
         return [f"This night is in the history. {failure}: {said(error)}."]
     return []
 

@@ -634,6 +634,15 @@ def test_results_that_cannot_be_written_are_noted(file, history):
     assert not (history / "again").exists()
 
 
+def test_night_stopped_after_its_line_gives_its_verdict(file, history, monkeypatch):
+    stopped = Mock(side_effect=KeyboardInterrupt)
+    monkeypatch.setattr("sumo_eval.nightly.night.write_night", stopped)
+    done = nightly(file, history)
+    assert done.stdout.startswith("THE SAME as")
+    words = done.stdout.replace("\n", " ")
+    assert "This night is in the history. Its results could not all be written: Keyboard" in words
+
+
 def test_a_history_without_a_line_keeps_the_folders_that_it_does_not_know(file, lost):
     before = nights_of(lost)
     with open_history(lost, create=True):
