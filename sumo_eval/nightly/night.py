@@ -241,12 +241,14 @@ def _unfinished(folder: Path, *, resumed: bool) -> Iterator[None]:
         cause = error.__cause__ or error  # of an InputError that names the file
         full = _is_full(cause, folder)
         if isinstance(error, InputError) and not full:
-            if not resumed:
-                raise
-            raise InputError(
-                f"Night {folder.name} was not continued: {error} It stays; without --resume a new "
-                "one begins, and this one is removed unless its run is complete."
-            ) from error
+            if resumed:
+                raise InputError(
+                    f"Night {folder.name} was not continued: {error} It stays; without --resume a "
+                    "new one begins, and this one is removed unless its run is complete."
+                ) from error
+            if is_run(folder):
+                raise InputError(f"{error} {_how_to_continue(folder)}") from error
+            raise
         rest = _how_to_continue(folder)
         if full:
             # this night's cases must not keep the disk full until tomorrow

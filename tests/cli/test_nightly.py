@@ -643,6 +643,17 @@ def test_night_stopped_after_its_line_gives_its_verdict(file, history, monkeypat
     assert "This night is in the history. Its results could not all be written: Keyboard" in words
 
 
+def test_report_that_cannot_be_written_leaves_a_night_to_continue(file, history, monkeypatch):
+    """A limit on the size of files, `ulimit -f`, leaves facts but no report."""
+    fault = InputError("The report cannot be written: File too large.")
+    with monkeypatch.context() as patch:
+        patch.setattr("sumo_eval.nightly.night.write_assessed_report", Mock(side_effect=fault))
+        words = nightly(file, history, status=2).stderr.replace("\n", " ")
+    name = max(nights_of(history))
+    assert f"large. The same command with --resume continues night {name}." in words
+    assert run(file, history, resume=True).night.night == name
+
+
 def test_a_history_without_a_line_keeps_the_folders_that_it_does_not_know(file, lost):
     before = nights_of(lost)
     with open_history(lost, create=True):
