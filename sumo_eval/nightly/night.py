@@ -378,8 +378,8 @@ def _clear_away(history: Path, database: History, resumed: str | None) -> list[s
             notes.append(f"Night {path.name} was stopped before its end; its {gone} removed.")
     if resumed:
         notes.append(
-            f"Night {resumed} was stopped before its end and continued: recorded cases were not "
-            "rerun. How long the night took is not known."
+            f"Night {resumed} was stopped before its end and continued with its recorded cases. "
+            "How long the night took is not known."
         )
     return notes
 

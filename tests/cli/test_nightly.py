@@ -258,7 +258,7 @@ def test_a_killed_night_continues_to_the_digest_of_a_whole_one(killed, tmp_path)
     assert night.night == left.name
     assert night.folder == f"nights/{left.name}"
     assert night.wall_time is None
-    assert "before its end and continued" in (left / "report.html").read_text()
+    assert "continued with its recorded cases" in (left / "report.html").read_text()
     assert 0 < kept < rows(left)
     assert len(read_json(left / "manifest.json")["resumed"]) == 1
 
@@ -634,7 +634,7 @@ def test_results_that_cannot_be_written_are_noted(file, history):
     assert not (history / "again").exists()
 
 
-def test_night_stopped_after_its_line_gives_its_verdict(file, history, monkeypatch):
+def test_night_stopped_late_gives_its_verdict(file, history, monkeypatch):
     stopped = Mock(side_effect=KeyboardInterrupt)
     monkeypatch.setattr("sumo_eval.nightly.night.write_night", stopped)
     done = nightly(file, history)
@@ -643,7 +643,7 @@ def test_night_stopped_after_its_line_gives_its_verdict(file, history, monkeypat
     assert "This night is in the history. Its results could not all be written: Keyboard" in words
 
 
-def test_report_that_cannot_be_written_leaves_a_night_to_continue(file, history, monkeypatch):
+def test_night_whose_report_fails_can_continue(file, history, monkeypatch):
     """A limit on the size of files, `ulimit -f`, leaves facts but no report."""
     fault = InputError("The report cannot be written: File too large.")
     with monkeypatch.context() as patch:
