@@ -298,17 +298,19 @@ def _speed_up(pieces: Any, v: float, act: Any) -> int:
 
 
 @kernel
-def _follow_profile(pieces: Any, v: float, x: float, act: Any, table: Any) -> int:
+def _follow_profile(pieces: Any, v: float, s: float, act: Any, table: Any, play: Any) -> int:
     """Write the pieces of constant acceleration through the knots of a profile; return how many.
 
-    v, x: speed, m/s, and position along the road, m, at its beginning.
+    v, s: speed, m/s, and distance driven, m, at its beginning.
     """
     k = 0  # number of pieces
-    last = 0.0 if act.kind == BY_TIME else x  # knot before: s since `begin`, or x, m
+    last = 0.0 if act.kind == BY_TIME else s  # knot before: s since `begin`, or distance driven, m
     for q in range(act.first, act.first + act.count):
         knot, speed = table[q].one, table[q].two
+        if act.kind == BY_PLACE:
+            knot = _driven_at(play, table, knot)
         apart = knot - last
-        if apart <= 0.0:  # it is at or past this knot
+        if not apart > 0.0:  # it is at or past this knot, or (nan) never gets to the last two
             continue
         if act.kind == BY_TIME:
             duration = apart
@@ -325,8 +327,39 @@ def _follow_profile(pieces: Any, v: float, x: float, act: Any, table: Any) -> in
 
 
 @kernel
-def on_line(play: Any, table: Any, s: float) -> tuple[float, float, float]:
-    """x, m, y, m, and direction, rad, of the line after the vehicle has driven s m."""
+def _driven_at(play: Any, table: Any, place: float) -> float:
+    """Distance driven, m, at which the line gets to a place along the road, m; inf: never."""
+    s, x, y = play.line_s, play.x, play.y
+    share = cos(play.heading)  # of a distance on the line that leads along the road
+    for q in range(play.path, play.path + play.points):
+        dx, dy = table[q].one - x, table[q].two - y
+        length = sqrt(dx * dx + dy * dy)
+        if length == 0.0:
+            continue
+        share = dx / length
+        if share > 0.0 and place <= table[q].one:
+            break
+        s += length
+        x, y = table[q].one, table[q].two
+    return s + (place - x) / share if share > 0.0 else inf
+
+
+class OnLine(NamedTuple):
+    """A place on a vehicle's line.
+
+    x, y: m. heading: direction of the line, rad.
+    past: distance from the last point of its path, m; below 0: that point is still ahead.
+    """
+
+    x: float
+    y: float
+    heading: float
+    past: float
+
+
+@kernel
+def on_line(play: Any, table: Any, s: float) -> OnLine:
+    """Place on the line after the vehicle has driven s m."""
     x, y, heading = play.x, play.y, play.heading
     rest = s - play.line_s  # m from x, y on
     for q in range(play.path, play.path + play.points):
@@ -336,17 +369,23 @@ def on_line(play: Any, table: Any, s: float) -> tuple[float, float, float]:
             continue
         heading = atan2(dy, dx)
         if rest < length:
-            return x + dx * rest / length, y + dy * rest / length, heading
+            return OnLine(x + dx * rest / length, y + dy * rest / length, heading, rest - length)
         rest -= length
         x, y = table[q].one, table[q].two
-    return x + rest * cos(heading), y + rest * sin(heading), heading  # straight on
+    # straight on
+    return OnLine(x + rest * cos(heading), y + rest * sin(heading), heading, rest)
 
 
 @kernel
-def _across_line(play: Any, acts: Any, time: float) -> Motion:
-    """Offset, m, speed, m/s, and acceleration, m/s2, to the left: the sums of all lateral moves
-    that began on this line.
+def _beside_line(
+    play: Any, acts: Any, table: Any, s: float, time: float
+) -> tuple[OnLine, float, float]:
+    """Place after the vehicle has driven s m, beside its line where it moves across it; speed, m/s,
+    and acceleration, m/s2, to the left.
+
+    Lateral values are the sums over all lateral moves that began on this line.
     """
+    at = on_line(play, table, s)
     aside, across, sideways = 0.0, 0.0, 0.0
     for q in range(play.acts):
         act = acts[q]
@@ -355,7 +394,10 @@ def _across_line(play: Any, acts: Any, time: float) -> Motion:
             aside += offset
             across += speed
             sideways += acceleration
-    return aside, across, sideways
+    if aside != 0.0:
+        x, y = at.x - aside * sin(at.heading), at.y + aside * cos(at.heading)
+        at = OnLine(x, y, at.heading, at.past)
+    return at, across, sideways
 
 
 @kernel
@@ -371,17 +413,14 @@ def place(
     coordinates of its position (`_into_frame`).
     """
     s, v, a = driven(play, pieces, time)
-    x, y, heading = on_line(play, table, s)
-    aside, across, sideways = _across_line(play, acts, time)
-    if aside != 0.0:
-        x, y = x - aside * sin(heading), y + aside * cos(heading)
+    at, across, sideways = _beside_line(play, acts, table, s, time)
 
     last_x, last_heading = other.x, other.heading
-    other.x, other.y = x, y
-    other.heading, other.across = heading, across
+    other.x, other.y = at.x, at.y
+    other.heading, other.across = at.heading, across
     other.speed, other.acceleration = v, a
     if not play.slides and across != 0.0:
-        other.heading = heading + atan2(across, v)
+        other.heading = at.heading + atan2(across, v)
         other.across = 0.0
         other.speed = sqrt(v * v + across * across)
         other.acceleration = along_heading(v, across, a, sideways)
@@ -647,7 +686,7 @@ def _begin(play: Any, acts: Any, chosen: int, pieces: Any, table: Any) -> None:
     if act.kind == SPEED:
         play.pieces = _speed_up(pieces, v, act)
     else:
-        play.pieces = _follow_profile(pieces, v, on_line(play, table, s)[0], act, table)
+        play.pieces = _follow_profile(pieces, v, s, act, table, play)
     duration = 0.0
     for k in range(play.pieces):
         duration += pieces[k].duration
@@ -657,14 +696,19 @@ def _begin(play: Any, acts: Any, chosen: int, pieces: Any, table: Any) -> None:
 @kernel
 def _begin_path(play: Any, acts: Any, act: Any, table: Any, s: float) -> None:
     """Make the path of a move the vehicle's line, from where the vehicle is after s m."""
-    x, y, heading = on_line(play, table, s)
-    aside = _across_line(play, acts, act.begin)[0]
-    if aside != 0.0:
-        x, y = x - aside * sin(heading), y + aside * cos(heading)
-    play.x, play.y, play.heading = x, y, heading
+    at, _, _ = _beside_line(play, acts, table, s, act.begin)
+    play.x, play.y, play.heading = at.x, at.y, at.heading
     play.line_s, play.line_time = s, act.begin
     play.path, play.points = act.first, act.count
     act.end = inf  # `_end_path` writes it: it depends on the speed
+
+
+@kernel
+def _order(act: Any) -> tuple[float, bool]:
+    """Sort key of due moves: of those that begin together a path is first, as the places of a
+    profile lie on it.
+    """
+    return act.begin, act.kind != PATH
 
 
 @kernel
@@ -679,7 +723,7 @@ def begin_due(play: Any, acts: Any, pieces: Any, table: Any, time: float, step_e
         for q in range(play.acts):
             due = acts[q].state == KNOWN and acts[q].begin <= time
             due = due and (step_ends or acts[q].kind != FOLLOW)
-            if due and (chosen < 0 or acts[q].begin < acts[chosen].begin):
+            if due and (chosen < 0 or _order(acts[q]) < _order(acts[chosen])):
                 chosen = q
         if chosen < 0:
             return begun
@@ -700,23 +744,11 @@ def _end_path(play: Any, acts: Any, pieces: Any, table: Any, now: float, before:
         underway = act.kind == PATH and act.state == BEGUN and isinf(act.end)
         if not underway or act.first != play.path:  # or a later path has replaced this one
             continue
-        length = _path_length(play, table)
         s, last_s = driven(play, pieces, now)[0], driven(play, pieces, before)[0]
-        if s - play.line_s >= length:
-            moved = s - last_s
-            share = (length - (last_s - play.line_s)) / moved if moved > 0.0 else 1.0
-            act.end = before + min(max(share, 0.0), 1.0) * (now - before)
-
-
-@kernel
-def _path_length(play: Any, table: Any) -> float:
-    """Length of a vehicle's line up to the last point of its path, m."""
-    length, x, y = 0.0, play.x, play.y
-    for q in range(play.path, play.path + play.points):
-        dx, dy = table[q].one - x, table[q].two - y
-        length += sqrt(dx * dx + dy * dy)
-        x, y = table[q].one, table[q].two
-    return length
+        past, moved = on_line(play, table, s).past, s - last_s
+        if past >= 0.0:
+            share = 1.0 - past / moved if moved > 0.0 else 1.0
+            act.end = before + max(share, 0.0) * (now - before)
 
 
 @kernel
@@ -739,7 +771,7 @@ def _match(cast: Any, j: int, now: float) -> None:
         speed /= 1.0 - line_at(cast.line, own.x).curvature * own.y
     ahead = 0.5 * (play.v + speed) * elapsed  # distance to drive in this step, m
     if kept > 0.0:  # a position: `ahead` is the way to it
-        ahead = other.x + distance - on_line(play, table, play.s)[0]
+        ahead = other.x + distance - on_line(play, table, play.s).x
         if headway < 0.0:
             ahead -= headway * speed
         if kept > 1.0:  # within limits

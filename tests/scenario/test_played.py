@@ -76,6 +76,21 @@ def test_a_profile_by_time_and_one_by_place_pass_through_their_knots():
         way(scene(move, more="heading = 180.0"))
 
 
+@pytest.mark.parametrize("profile_first", [True, False])
+def test_places_of_a_profile_on_a_path_are_along_the_road(profile_first):
+    # on the path's second leg 4 m along the road are 5 m to drive; it turns back before x = 300 m
+    moves = [
+        'do = "speed_profile", places = [180.0, 210.0, 300.0], speeds = [10.0, 30.0, 5.0]',
+        'do = "path", points = [[160.0, 0.0], [190.0, 22.5], [240.0, 22.5], [200.0, 40.0]]',
+    ]
+    t, x, _, _, v = way(scene(*(moves if profile_first else moves[::-1])), step=0.001)
+    for place, speed, driven in ((180.0, 10.0, 35.0), (210.0, 30.0, 67.5)):
+        k = int(np.argmax(x >= place))
+        assert v[k] == pytest.approx(speed, abs=0.05)
+        assert np.trapezoid(v[: k + 1], t[: k + 1]) == pytest.approx(driven, abs=0.05)
+    assert v[-1] == pytest.approx(30.0)
+
+
 TIMED = [Act(kind, 1.0) for kind in (played.SMOOTH, played.CONSTANT, played.COSINE, played.SPEED)]
 UNTIMED = [
     *(it._replace(begin=math.inf) for it in TIMED),
