@@ -174,7 +174,7 @@ def _collisions(
             "not supported" if score.not_evaluated else "open" if share.high >= 1.0 else "supported"
         ),
         argument="Upper end of the two-sided interval of the weighted share: a bootstrap over the "
-                 "cases, or, where none collided, the exact binomial limit for as many equally "
+                 "cases, but at least the exact binomial limit of no collision in as many equally "
                  "frequent cases as tell as much.",
         evidence=(
             f"{count(len(hit), 'collision')} in {count(len(evaluated), 'evaluated case')}.",
