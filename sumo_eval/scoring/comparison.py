@@ -568,10 +568,6 @@ def _one_regret(terms: Terms) -> bool:
     return old == now
 
 
-_TOTALS = {"s": {"d"}, "s_plus": {"task_share", "human_likeness"}}
-"""Total -> means over safe cases that enter it."""
-
-
 def _quantity_changes(terms: Terms, settings: GateSettings) -> dict[str, QuantityChange]:
     """Name -> a score in both runs, with the interval of its difference.
 
@@ -582,7 +578,8 @@ def _quantity_changes(terms: Terms, settings: GateSettings) -> dict[str, Quantit
 
     # scores that a single pair changes: it does not show how far pairs differ
     single = {name for run in terms for name in single_means(run)}
-    single |= {total for total, parts in _TOTALS.items() if single & parts}
+    if single:  # S and S+ follow from these means
+        single |= {"s", "s_plus"}
     pairs = len(terms[0].collided)
     if pairs < LEAST:
         single = set(COMPARED.values())
