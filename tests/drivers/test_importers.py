@@ -305,7 +305,11 @@ def test_events_report_what_no_event_can_have(tmp_path):
     said = sumo_eval(f"humans events {tmp_path}/odd.csv").said
     assert "3 samples with a time that their vehicle already had were left out." in said
     assert "1 vehicles that go back more than 10 m along x are left out" in said
-    assert "1 vehicles have the class `tank`, which is not known: they are in no event." in said
+    assert (
+        "1 vehicles have the class `tank`, which is not known: they are in no event. Known: "
+        in said
+    )
+    assert " bicycle, bus, car, " in said
     assert "0 of 2 motor vehicles" in said
 
 

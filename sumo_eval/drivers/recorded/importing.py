@@ -55,10 +55,12 @@ def import_recordings(form: str, paths: Sequence[Path]) -> Recordings:
     table = pd.concat([part.table for part in parts], ignore_index=True)
     tracks = table.drop_duplicates(TRACK, keep="last")  # last sample of each
     kinds = tracks["class"]
-    unknown_classes = kinds[~kinds.isin({*MOTOR_CLASSES, "bicycle", "pedestrian"})].value_counts()
+    known = sorted((*MOTOR_CLASSES, "bicycle", "pedestrian"))
+    unknown_classes = kinds[~kinds.isin(known)].value_counts()
     notes = [note for part in parts for note in part.notes]
     notes += [
-        f"{count} vehicles have the class `{kind}`, which is not known: they are in no event."
+        f"{count} vehicles have the class `{kind}`, which is not known: they are in no event. "
+        f"Known: {', '.join(known)}."
         for kind, count in unknown_classes.items()
     ]
     again = tracks.duplicated(["vehicle", "t", "x", "y", "speed"]).sum()
