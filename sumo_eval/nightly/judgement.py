@@ -114,7 +114,8 @@ def judge_repeats(
         apart = repeats.apart
         quiet = len(list(takewhile(bool, (line.passed for line in lines if line.ads == ads))))  # k
         lost = (quiet + 1.0) ** -len(apart) < settings.noise.chance  # repeatability was lost
-        sentence = f"{len(apart)} of {count(repeats.cases, 'case')} differed in a second drive"
+        of = count(repeats.cases, "case")
+        sentence = f"{len(apart)} of {of} differed beyond tolerances in a second drive"
         if apart and not lost:
             named = ", ".join(list(apart)[:MOST_NAMED])
             sentence += f"; not failed, because few or not new: {named}"

@@ -264,6 +264,10 @@ def test_lost_repeatability_fails_and_names_its_cases(evaluation):
     assert limits([line, line._replace(passed=None), *[line] * 6], 2)[0].passed is None
     (gate,) = limits([line], 6)
     assert (gate.passed, gate.worst[0].words) == (False, "largest jerk 1.5 m/s³ -> 9 m/s³")
+    # a note counts those that differ at all
+    assert limits([], 0)[0].sentence == (
+        "0 of 30 cases differed beyond tolerances in a second drive"
+    )
     assert limits([], 0)[0].passed
 
 
