@@ -172,7 +172,7 @@ def morning_lines(result: NightResult) -> list[str]:
     """The first screen of a night: differences in anything but the ADS, cases without a partner,
     builds, the verdict, failed limits with new ones first.
 
-    Capitals mark a difference because of which the nights are not compared.
+    Capitals mark a difference that could change a score though no ADS changed.
     """
     judgement, comparison = result.judgement, result.judgement.bases.comparison
     lines = difference_lines(comparison) if comparison else []
