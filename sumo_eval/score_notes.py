@@ -61,6 +61,7 @@ class Counted:
         and not a collision of the ADS.
     excused: safe cases in which the ego stands behind a road user where the references drive on: T
         leaves out the rest of the route.
+    cut_short: safe cases that ended as decided, before the end of their route.
     gentler_than_ideal: collisions that are less severe than the ideal vehicle's.
     references_collide: points of the safe zone at which drivers or the reference car collide.
     ideal_collides_too: collisions in the safe zone at points where the ideal vehicle collides too.
@@ -73,6 +74,7 @@ class Counted:
         "outside_support",
         "struck_from_behind",
         "excused",
+        "cut_short",
         "gentler_than_ideal",
         "references_collide",
         "ideal_collides_too",

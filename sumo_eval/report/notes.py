@@ -144,6 +144,8 @@ _COUNTED = {
     "contact ends the drive, whichever vehicle is at fault.",
     "excused": "In {number} of {of} safe cases the ego stands where the references drive on. T "
     "leaves out the rest of the route, because a road user in front excuses it.",
+    "cut_short": "{number} of {of} safe cases ended as decided (`simulation.end_when_decided`). T "
+    "counts the rest of their route as not driven: T and S+ are too low, D and H are of less road.",
     "gentler_than_ideal": "In {hits} the ADS hit more softly than the ideal vehicle; each has the "
     "ratio 1.",
     "references_collide": "The space is called safe at {of_points}, yet drivers or the reference "

@@ -393,6 +393,7 @@ def _case_notes(cases: CaseTable) -> Iterator[ScoreNote]:
     counted = (
         Counted("struck_from_behind", _number(cases.struck_from_behind), len(cases)),
         Counted("excused", _number(cases.counts_for_index & cases.excused), safe),
+        Counted("cut_short", _number(cases.safe & (cases.end_reason == "decided")), safe),
         Counted("gentler_than_ideal", _number(cases.collided & cases.beats_ideal), hits),
         Counted("ideal_collides_too", safe_hits - _number(cases.voids_index), safe_hits),
     )

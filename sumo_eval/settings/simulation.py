@@ -215,7 +215,7 @@ class SimulationSettings(Checked):
     end_when_decided: bool = setting(
         False,
         "end a case once no contact is possible any more; quicker where only collisions "
-        "count, but shorter drives change D",
+        "count, but shorter drives lower T and change D, H, S+",
     )
     vehicle: VehicleSettings = VehicleSettings()
     # the ideal vehicle: its U is Ug, which the paper uses in Eq. 17

@@ -150,6 +150,12 @@ def test_a_collision_in_the_safe_zone_that_the_ideal_vehicle_has_as_well_does_no
     assert made.notes[0] == Counted("ideal_collides_too", 1, 1)
 
 
+def test_safe_cases_cut_short_as_decided_are_noted():
+    """T counts the road that they did not drive as not driven."""
+    made = combined(replace(SAFE, end_reason="decided"), SAFE, replace(HIT, end_reason="decided"))
+    assert made.notes == (Counted("cut_short", 1, 2),)
+
+
 def test_tables_hold_every_name(both):
     scores = read_json(both.folder / "scores.json")["scores"]
     names = (
