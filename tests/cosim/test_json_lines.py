@@ -1,5 +1,6 @@
 """`exec:`: a program in any language, its protocol, its deadline, its end."""
 
+import json
 import os
 import sys
 import time as clock
@@ -113,6 +114,12 @@ def test_the_protocol_line_by_line(tmp_path):
     assert set(first) == {"type", "time", "ego", "lead", "second_lead", "neighbours",
         "vehicles", "lanes",
                              "left_edge", "right_edge", "curvature"}  # fmt: skip
+
+
+def test_every_name_of_a_reset_stands_in_the_docs():
+    found = shell('read brief; echo "$brief" >&2; echo no', settings=under(reveal_scenario=True))
+    page = (Path(__file__).parents[2] / "docs/ads/exec.md").read_text()
+    assert [name for name in json.loads(found.log) if f'"{name}"' not in page] == []
 
 
 def test_the_scenario_is_named_when_it_is_revealed():
