@@ -154,8 +154,8 @@ def requirement(
     for reserved in (*SERIES, *OUTCOMES, *_OVER_TIME):
         if reserved in known:
             raise InputError(
-                f"`{reserved}` of {owner} must have another name: requirements ask for the drive "
-                "by it."
+                f"`{reserved}` of {owner} must have another name: in a requirement it is a "
+                "value of the drive."
             )
     tree = parsed(text, f"Requirement `{text[:200]}` of {owner}")
     replaced = _Parts(text, owner, vehicles, known)

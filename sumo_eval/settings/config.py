@@ -49,7 +49,13 @@ def read_evaluation(path: Path, *, own_ads: bool = True) -> EvaluationSettings:
             # its folder is the source folder of the run (`record/facts.py`)
             scenario=(ScenarioSettings(path.name),),
         )
-    return settings_from(read_toml(path, "evaluation file"), path, own_ads=own_ads)
+    content = read_toml(path, "evaluation file")
+    if "parameter" in content:
+        raise InputError(
+            f'{path} is a scenario file: name it in an evaluation, `use = "{path.name}"` in '
+            "[[scenario]]."
+        )
+    return settings_from(content, path, own_ads=own_ads)
 
 
 def with_suites(content: Mapping[str, Any], where: object) -> Mapping[str, Any]:

@@ -155,6 +155,13 @@ def test_a_key_is_changed_once():
         )
 
 
+def test_a_scenario_file_is_named_as_one(tmp_path):
+    text = message(tmp_path, 'name = "lorry"\n[[parameter]]\nname = "gap"\n')
+    assert text.endswith(
+        'is a scenario file: name it in an evaluation, `use = "evaluation.toml"` in [[scenario]].'
+    )
+
+
 def test_a_mistake_is_reported_with_its_line(tmp_path):
     text = (
         'name = "n"\nsead = 1\n[[scenario]]\nuse = "cut_in"\n[scenario.sampling]\nlevels = '
