@@ -289,6 +289,14 @@ class History:
         """All nights but the imported ones, in the order of adding."""
         return [night for night in self.nights() if not night.imported]
 
+    def in_time(self) -> list[Night]:
+        """`nights`, with each imported run before the nights that began after it."""
+        nights = self.ran()
+        for run in sorted(night for night in self.nights() if night.imported):
+            later = (place for place, night in enumerate(nights) if night.night > run.night)
+            nights.insert(next(later, len(nights)), run)
+        return nights
+
     def values(self) -> list[QuantityLine]:
         """Every quantity of every night, the oldest first."""
         return self._read("quantities", QuantityLine)

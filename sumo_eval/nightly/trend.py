@@ -103,7 +103,7 @@ class TrendChart(NamedTuple):
 
 def write_trend(folder: Path, database: History) -> Path:
     """Write `trend.html` beside the history and return its path."""
-    nights, values, gates = database.nights(), database.values(), database.gates()
+    nights, values, gates = database.in_time(), database.values(), database.gates()
     scenarios = dict.fromkeys(value.scenario for value in values)
     # Nights whose report is still there: the folder of an old one may have been removed. An
     # imported night is a run anywhere on this machine: its link would break in a copy of the

@@ -39,6 +39,17 @@ def history(evaluation, tmp_path):
     return tmp_path
 
 
+def test_older_imported_runs_stand_before_the_nights(history, evaluation):
+    with open_history(history) as lines:
+        for day in ("02T01", "01T01"):
+            older = night(f"2026-01-{day}-00-00Z", 0)._replace(imported=True)
+            lines.add(older, evaluation, [])
+        days = [it.night[8:13] for it in lines.in_time()]
+        page = write_trend(history, lines).read_text("utf-8")
+    assert days == ["01T01", "01T02", "02T01", "02T02", "03T02"]
+    assert page.index("2026-01-03 02:00") < page.index("2026-01-01 01:00")
+
+
 def test_what_was_added_comes_back(history, evaluation):
     with open_history(history) as lines:
         assert lines.nights()[1] == night("2026-01-02T02-00-00Z", 1)

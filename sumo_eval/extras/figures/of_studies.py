@@ -38,7 +38,7 @@ def trend(history: Path, *, scenario: str | None, ads: str | None, width: str) -
     Raises InputError where the folder has no history, or the history no such scenario or ADS.
     """
     with open_history(history) as database:
-        nights, values = database.nights(), database.values()
+        nights, values = database.in_time(), database.values()
     if not values:
         raise InputError(
             f"The history in {history} must have a night before a trend is drawn: it is empty."
