@@ -75,6 +75,8 @@ def _word(value: object) -> str:
     """A setting's value as text."""
     if isinstance(value, tuple):
         return ", ".join(value) or "none"
+    if isinstance(value, bool | None):  # as the evaluation file has it: `true`, not `True`
+        return str(value).lower()
     return f"{value:g}" if isinstance(value, float) else str(value)
 
 

@@ -423,11 +423,18 @@ def test_the_reading_of_u_names_what_replaces_it(evaluation):
         ("simulation.plant", SimulationSettings(plant=PlantSettings(file="Car.fmu")), "Car.fmu"),
         ("run", RunSettings(only=("cut_in-0000-idm", "~ideal")), "cut_in-0000-idm, ~ideal"),
         ("drivers", DriverSettings(recordings=("day.csv",)), "day.csv"),
+        ("simulation", SimulationSettings(end_when_decided=True), "true"),
     ],
 )
 def test_changed_setting_is_listed(evaluation, table, settings, words):
     changed = replace(evaluation.settings, **{table.partition(".")[0]: settings})
     assert [row.value for row in setting_rows(changed)[table] if row.changed] == [words]
+
+
+def test_settings_without_a_value_are_shown_as_none(evaluation):
+    rows = setting_rows(evaluation.settings)["simulation.conditions"]
+    values = {row.path.rpartition(".")[2]: row.value for row in rows}
+    assert (values["sensor_range"], values["occlusion"]) == ("none", "false")
 
 
 def test_text_between_backticks_is_code_and_stays_escaped():
