@@ -35,9 +35,17 @@ from sumo_eval.settings.locators import load_object
 
 _PACKAGE = Path(__file__).parent.parent
 _COMMANDS = ("exec", "traci")  # schemes of locators that name a command
-# schemes of locators that name a command, a file or a model of SUMO, no Python object
+# schemes of locators that name a command, a file, a model of SUMO or a pickled object
 _NOT_PYTHON = (*_COMMANDS, "fmu", "onnx", "sumo", "given")
 _ROOMS_THAT_MAKE_FACTS = ("ads", "cosim", "drivers", "scenario")
+# files of other rooms that facts depend on; values of settings are in each fingerprint
+_FILES_THAT_MAKE_FACTS = (
+    "kernels.py",
+    "trajectory.py",
+    "settings/random_streams.py",
+    *(f"method/{name}.py" for name in ("checks", "criticality", "driving_task", "measures")),
+    *(f"record/{name}.py" for name in ("claims", "worker")),
+)
 
 
 @cache
@@ -64,10 +72,7 @@ def sources_of_facts(package: Path) -> dict[str, str]:
     files = sorted(
         file for room in rooms for ending in ("*.py", "*.toml") for file in room.rglob(ending)
     )
-    files += [
-        package / "kernels.py",
-        *(package / "record" / name for name in ("claims.py", "worker.py")),
-    ]
+    files += [package / name for name in _FILES_THAT_MAKE_FACTS]
     return {str(file.relative_to(package)): hash_of(file, "file") for file in files}
 
 
@@ -86,8 +91,8 @@ def locator_identity(named: tuple[str, str], folder: Path) -> str:
     kind, locator = named
     if kind == "ADS":
         loaded, described, entry = located(locator, folder)
-        # a class without `act` and `step`: `adapted` makes an object, and refuses one without both;
-        # of an ADS that ships, it refuses what a table among the options must not hold
+        # a class with neither `act` nor `step`: `adapted` makes an object, and refuses one that has
+        # neither; of an ADS that ships, it also refuses wrong keys of an option that is a table
         if not called_by(loaded) or locator.partition("?")[0] in SHIPPED:
             adapted(loaded, described, entry.options)
     else:
@@ -172,8 +177,9 @@ def _hashes(names: Iterable[str], cases: str, source: Path) -> dict[str, str]:
 def with_fingerprint(
     case: Case, simulation: SimulationSettings, identity: str, harness: str
 ) -> Case:
-    """The case with a hash of everything that its facts depend on. Limits of time and memory are
-    not part of it.
+    """The case with a hash of everything that its facts depend on.
+
+    Limits of `[run]`, on time and memory, are not part of it.
     """
     content = repr((replace(case, fingerprint=""), simulation, identity, harness))
     return replace(case, fingerprint=sha256(content))

@@ -1,5 +1,6 @@
 """What facts depend on is part of their fingerprint."""
 
+import ast
 import shutil
 from dataclasses import replace
 from pathlib import Path
@@ -43,6 +44,25 @@ def test_facts_depend_on_the_code_that_makes_them_and_on_the_scenario_files(tmp_
     (copy / "report" / "html.py").unlink()  # the report makes no facts
     changed = {name for name, found in sources_of_facts(copy).items() if found != as_it_was[name]}
     assert changed == {"scenario/files/cut_in.toml"}
+
+
+def imported_by(path):
+    """The files of the package that a file of it imports, by path in the package."""
+    for node in ast.walk(ast.parse(path.read_text())):
+        if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("sumo_eval"):
+            place = PACKAGE.parent / node.module.replace(".", "/")
+            files = (place.with_suffix(".py"), *(place / f"{it.name}.py" for it in node.names))
+            yield from (str(it.relative_to(PACKAGE)) for it in files if it.is_file())
+
+
+def test_code_that_makes_facts_imports_only_what_is_hashed():
+    """Else an edit of a file would leave facts of the old and the new code in one resumed run."""
+    hashed = {name for name in sources_of_facts(PACKAGE) if name.endswith(".py")}
+    # words, errors, what starts and keeps drives, settings, whose values are in each fingerprint
+    files = ("coded", "errors", "first_use", "frozen", "gone", "groups", "input_file", "text")
+    harmless = ("record/", "settings/", *(f"{it}.py" for it in files))
+    imported = {it for name in hashed for it in imported_by(PACKAGE / name)}
+    assert not {name for name in imported - hashed if not name.startswith(harmless)}
 
 
 def test_tables_of_options_are_checked_before_driving(tmp_path):
