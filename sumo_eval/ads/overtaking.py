@@ -60,9 +60,9 @@ END_AHEAD = 10.0
 LEAST_SPEED = 2.0  # m/s; a slower ego does not overtake
 COMES_TOWARDS = 1.0  # m/s against the ego's direction, above which a vehicle is oncoming
 
-# s, headway that is left to the vehicle behind once it is as slow as the ego. UN R79, 5.6.4.7 (lane
-# change, ACSF C): to become so slow, it need not brake harder than `asked_change.REAR_DECELERATION`
-# and not before `REAR_DELAY` after the ego's side has come to the line between the lanes.
+# s, headway that is left to the vehicle behind once it has slowed down to the ego's speed. UN R79,
+# 5.6.4.7 (lane change, ACSF C) lets it brake no harder than `asked_change.REAR_DECELERATION`, and
+# not before `REAR_DELAY` after the ego's side has come to the line between the lanes.
 REAR_HEADWAY = 1.0
 
 
@@ -206,7 +206,7 @@ def _has_left_lane(memory: Any, me: Any, road: Any) -> bool:
     if road.shaped == 0:
         return True
     begin, end = -inf, inf  # x between which both lanes are there, side by side, m
-    if lane == 0:  # the ego is in the rightmost lane already, so it need not open any more
+    if lane == 0:  # the ego drives in the rightmost lane, so that lane is open already
         begin, end = road.right_parted_until, road.right_parted_from
     if lane + 2 == road.lanes:  # of the lanes to change to, only the leftmost may open or end
         begin = max(begin, road.left_is_open, road.left_parted_until)
@@ -231,8 +231,8 @@ def _comes_towards(others: Any, watched: Any) -> bool:
 def _in_the_way(
     memory: Any, me: Any, other: Any, scenario: Any, faster: float, clearance: float
 ) -> bool:
-    """Whether the ego would be too near, across the road, to a vehicle when it reaches it; False of
-    a vehicle whose centre is not ahead of the ego's.
+    """Whether the ego will be too near, across the road, to a vehicle when it reaches that vehicle;
+    false where the vehicle's centre is not ahead of the ego's.
 
     faster: speed to add to the ego's, m/s.
     clearance: least free space across, m.

@@ -1,11 +1,14 @@
 """The motion of an ego as SUMO shows it: read after each step, and checked.
 
-SUMO moves an ego whose ADS lets it, by calls through TraCI or as SUMO's own model. It also moves an
-ego wherever a call puts it, so motion that no vehicle can do ends the case. Where the harness's
+SUMO moves the ego of an ADS that drives by TraCI calls, or that is one of SUMO's own models. A call
+can put an ego anywhere. Motion that no vehicle can do therefore ends the case as `ads_error`; of
+SUMO's own models, and where SUMO itself shifts the ego, it is only noted. Where the harness's
 vehicle model moves the ego, SUMO must show the ego where it was put.
 
-`Stage.read_at_once` takes in an ego that drove straight ahead; this file reads all others. Signs
-and order of operations decide the last bits of recorded values.
+`Stage.read_at_once` takes in an ego that drove straight ahead; this file reads all others.
+
+Fixed: signs and order of operations, which decide the last bits of recorded values; tolerances,
+which decide what ends a case; names of clips, which recordings hold.
 
 Users: `cosim/on_traci.py`.
 """
@@ -51,8 +54,8 @@ X, Y, HEADING = (first_number(name) for name in ("x", "y", "heading"))
 SPEED, ACCELERATION = first_number("speed"), first_number("acceleration")
 _FRONT_X, _FRONT_Y = first_number("front_x"), first_number("front_y")
 PLACED, STALE = first_number("placed"), first_number("stale")
-# The ego's speed along its lane, as SUMO counts it, after the last step. The slot also holds the
-# speed of a plant's next state, from the plant's step until the ego is moved.
+# The ego's speed along its lane, as SUMO counts it, after the last step. A plant (the vehicle's
+# FMU) keeps the speed of its next state here, from its step until the ego is moved.
 _LANE_SPEED = NEXT.start + 3
 
 
@@ -79,10 +82,11 @@ class EgoMotion:
         # 1/m, at both ends of the pieces of the road's line, and 0
         self._curvatures = {0.0, *end_curvatures(self.road.line)}
         self.curvature = 0.0
-        # of the last motion that was read here: the world's `steps` before it, and its direction
-        # relative to the road, rad
+        # of the last motion that was read here: the value of the world's `steps` before it, and its
+        # direction relative to the road, rad
         self._course = 0, 0.0
-        self._lane_end = 0.0  # x of its lane's end, m; in a curve off by less than `_NEAR_END`
+        # x of its lane's end, m; in a curve the error is smaller than `_NEAR_END`
+        self._lane_end = 0.0
         self._lanes = 0, 0  # on a curved road: its lane before and after the last step
 
     def watch(self, world: World, row: int) -> None:
@@ -101,7 +105,7 @@ class EgoMotion:
         ego = self.ego
         if not self._may_pass_lane_end():
             return
-        ending = ego[len(EGO) :]  # of the names in SUMO of its case
+        ending = ego[len(EGO) :]  # of all names of its case in SUMO, `_3` of `ego_3`
         edges = tuple(f"{it}{ending}" for it in vehicle_edges(self.road, self.state[Y]))
         route = vehicle.getRoute(ego)
         index = vehicle.getRouteIndex(ego)
@@ -268,7 +272,8 @@ class EgoMotion:
             return
         moved = hypot(ahead, across)
         possible = min(max(moved, least), most)
-        # SUMO itself moves an ego to a lane's centre, or along a curve when it changes lanes
+        # SUMO itself moves an ego to a lane's centre, and shifts it ahead or back where it changes
+        # lanes in a curve
         by_sumo = fits_ahead and self._put_on_centre()
         if not by_sumo and self._lanes[0] != self._lanes[1]:
             apart = _lanes_apart(self._stage, self.ego, self._lanes, self.road.lane_width)
@@ -308,7 +313,8 @@ class EgoMotion:
         """Whether SUMO moved the ego to its lane's centre within the step, as at the end of a lane
         change that did not begin at a centre.
 
-        False in a batch: the case then leaves its batch, and is driven alone.
+        False in a batch, and after a call that has placed the ego. If an error follows in a batch,
+        the case leaves it and is driven alone.
         """
         placed = GUARD.shared or GUARD.placed
         return not placed and self._calls.getLateralLanePosition(self.ego) == 0.0

@@ -1,6 +1,7 @@
 """Encounters with an actor that moves in two dimensions, and conflicts of two paths.
 
-An encounter decides the zone of a point: how critical is it if the ego brakes ideally on its path
+An encounter decides the zone of a point (`method/point_criticality.py` compares its max ITTC with
+ITTC*): how critical is it if the ego brakes ideally on its path
 (Eqs. 2 and 5-6, searched over time)? The ego begins to brake at the obstacle's first move plus the
 scenario's delay, and brakes to a standstill. The obstacle follows its script; an actor that reacts
 keeps its speed. The inverse TTC counts while the bodies overlap across the road and the obstacle is
@@ -39,7 +40,7 @@ from sumo_eval.trajectory import FloatArray, half_extents
 # A look is an instant at which bodies are compared.
 STEP = 0.1  # s between looks on conflicting paths; between two looks the actors move evenly
 # Parts of a step. Within a part the ego counts as moving evenly, which is at most 0.25 mm wrong
-# while it brakes.
+# while it brakes at 5 m/s2.
 _PARTS = 5
 HORIZON = 6.0  # s ahead in which a collision counts; a collision in 6 s has an ITTC of 0.17 1/s
 _LONGEST = 60.0  # s that are searched at most
@@ -85,7 +86,7 @@ def encounter(logical: LogicalScenario, points: FloatArray, settings: ZoneSettin
 
     logical: a scenario with a `search`.
     points: (n, k), in the parameters' units.
-    settings: `[method.zones]`: a.
+    settings: `[method.zones]`, of which it uses a, the deceleration.
 
     Max ITTC is inf where ideal braking hits, 0 where the ego never closes on the obstacle in its
     path. The gap is inf where the obstacle is never in the path. ITTC and gap are sampled every
@@ -176,8 +177,8 @@ def crossing_conflict(
     ego_arrives, ego_clears = reached(begin - 0.5 * length), reached(end + 0.5 * length)
     actor_arrives, actor_clears = enters, leaves
     # Paths join if the actor stays in the strip and drives along it, within 45 degrees. The area is
-    # then the line x = `begin`. The actor arrives there with its front, and has left it when it is
-    # in the strip with its rear at `begin`. The ego clears the line with its rear.
+    # then the line x = `begin`. The actor arrives there with its front, and clears it when its rear
+    # is there, which is when it comes into the strip. The ego clears the line with its rear.
     if math.isinf(leaves) and math.cos(heading[last]) > math.cos(0.25 * math.pi):
         actor_arrives = float(np.interp(begin, x + long, times, left=-math.inf))
         actor_clears = enters
@@ -361,7 +362,8 @@ def _search_rows(
     ways: Records, egos: FloatArray, others: FloatArray, horizon: int, result: FloatArray
 ) -> None:
     """Write the result of the ego and one actor in each of n cases: max ITTC, 1/s, inf if both
-    touch; their relative speed at the touch, m/s; the smallest distance of the bodies, m.
+    touch; their relative speed at the look after the touch, m/s; the smallest distance of the
+    bodies, m.
 
     ways: `_WAY`, (n,).
     egos: x and speed at the ends of all parts, (n, (T - 1) * _PARTS + 1, 2).
@@ -382,6 +384,7 @@ def _search_rows(
             # Do the bodies touch between the look before and this one? The ego moves part by part.
             touch, other_was = -1.0, other_before  # touch: share of the part, 0..1; -1: none
             for part in range(1, _PARTS + 1):
+                # `max`: there is nothing before the first look
                 ego_then = _ego(way, egos[i, max(_PARTS * (k - 1) + part, 0), 0])
                 other_then = between(other_before, other, part / _PARTS)
                 touch = max(touch, share_at_touch(ego_before, ego_then, other_was, other_then))

@@ -1,7 +1,10 @@
-"""The points of an evaluation's logical scenarios, and the zones they lie in.
+"""The points of an evaluation's logical scenarios, their zones, the weights of scenarios in the
+ranking, and the check of the axes that `[report]` names for maps.
 
-Users: `record/facts.py`, `scoring/`, `evaluation.py`, and commands that only look at the points
-(`cli/space.py`, `cli/tools.py`).
+Fixed: points stand in the order of the sampling method; a point's index is its number in the names
+of cases.
+
+Users: `record/facts.py`, `scoring/`, `evaluation.py`, `cli/space.py`, `cli/tools.py`.
 """
 
 from __future__ import annotations
@@ -31,8 +34,8 @@ if TYPE_CHECKING:
 
 ZONES: dict[bytes, ZonePartition] = {}
 """Partitions that this process has read or computed, by the hash of all that they depend on."""
-# Most partitions in `ZONES`; the oldest is dropped first. With more scenarios than this, a second
-# pass over all of them finds none.
+# Most partitions in `ZONES`; the oldest is dropped first. So an evaluation of more scenarios than
+# this, scored twice, computes all of them twice.
 _MOST_ZONES = 64
 
 

@@ -1,5 +1,8 @@
 """Notes as sentences: what a run left out, replaced or could not evaluate, and why.
 
+Kinds of notes are defined where they are made: of D_i in `method/index_terms.py`, of scores in
+`score_notes.py`. Each has its sentence here. Free to change: sentences; not keys.
+
 Users: `nightly/rule_limits.py`, `report/explain.py`, `report/html.py`, `report/junit.py`,
 `report/page_data.py`, `report/tables.py`, `report/terminal.py`.
 """
@@ -277,5 +280,5 @@ def _range(numbers: Sequence[int]) -> str:
 
 
 def because(error: str) -> str:
-    """The recorded error of a reference's drive, to follow `... could not be evaluated.`"""
+    """The recorded error of a reference's drive, as a sentence that follows what it explains."""
     return f" Recorded of it: {_STATUS.get(error, error)}" if error else ""

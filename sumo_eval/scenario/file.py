@@ -129,7 +129,8 @@ def leaving(logical: LogicalScenario, points: FloatArray) -> Iterator[str]:
     """A sentence for each vehicle whose script leads beyond the road at some of the points (n,
     k).
     """
-    # without a limit of its own, that of a run's settings, which are not known here: the default
+    # a scenario without a time limit has that of a run's settings. They are not known here, so the
+    # default counts.
     limit = SimulationSettings().time_limit if logical.time_limit is None else logical.time_limit
     end = logical.road.end
     # by vehicle: (time, point in words) of each of its departures
@@ -149,7 +150,8 @@ def leaving(logical: LogicalScenario, points: FloatArray) -> Iterator[str]:
 
 
 def check_points(logical: LogicalScenario, points: FloatArray) -> None:
-    """Place every vehicle at every point (n, k), and evaluate the zone rule there.
+    """Place every vehicle at every point (n, k), and evaluate a zone rule of formulas there. No
+    search for encounters is run.
 
     Raises InputError at the first fault.
     """
@@ -174,8 +176,8 @@ def _check_point(logical: LogicalScenario, concrete: ConcreteScenario) -> None:
     ego_body = logical.ego_body or STANDARD_EGO
     for fault in misplaced(logical.road, concrete.ego, ego_body, concrete.actors):
         raise must_be(fault.what, owner, fault.must, fault.got)
-    # without a limit of its own, that of a run's settings, which may be any: refuse only a move
-    # that never begins, however long the case lasts
+    # a scenario without a time limit has that of a run's settings, which may be any: a move is
+    # refused only if it never begins, however long the case lasts
     limit = math.inf if logical.time_limit is None else logical.time_limit
     for actor, index in never_begin(concrete, limit):
         name = actor.acts[index].name or f"number {index + 1}"

@@ -1,4 +1,5 @@
-"""The one reader of the user's TOML files: every mistake in a file becomes an error message.
+"""Reading of a user's TOML file, and the line of a mistake in it. `settings/checked.py` checks keys
+and values.
 
 Users: `cli/tools.py`, `extras/wheel/command.py`, `nightly/night.py`, `record/facts.py`,
 `scenario/file.py`, `settings/checked.py`, `settings/config.py`.
@@ -66,9 +67,8 @@ def _folder_hint(path: Path) -> str:
 
 
 def line_of(text: str, place: Place) -> int | None:
-    """The line, from 1, of a key in a TOML text; None: not in the text.
-
-    For a key within an inline table or a list it is the line of the key that holds these.
+    """The line, from 1, of a key in a TOML text, or of what holds it: an inline table, a list, or,
+    where the key is missing, its table; None: nothing of it is in the text.
     """
     # by line: the number of names and indices that it shares with the beginning of `place`
     shared: dict[int, int] = {}

@@ -328,6 +328,7 @@ BAD = {
 "cannot be read" = { v = "${$kph +}" }
 "holds `__import__" = { v = "${__import__(1)}" }
 "no number has a `_`" = { v = "${1_0 + $kph}" }
+"1e1_0.* cannot be read: no number" = { v = "${1e1_0}" }
 """),
     "no action `other` stands above it": {"events": timed(BRAKE, ENDED.format("other"))},
     "line .*<AcquirePositionAction>: this is not supported|<RoutingAction>": {

@@ -107,9 +107,11 @@ class Relay:
     server: connected socket of the server's second client.
     has_asked, has_order: whether the client has asked for a step, and whether it has set its order.
     has_erred: whether it has given the ego a speed that is not finite, or the like.
-    has_left: whether the client has closed its connection. The relay does not pass on a request to
-        close: after it SUMO would run on with one client less. When a connection is gone instead,
-        SUMO ends at the next step.
+    has_left: whether the client has asked to close its connection. The relay does not pass that on,
+        because SUMO would continue with one client less. It closes both connections, so that SUMO
+        ends at the next step.
+
+    For how long a client may take to connect: `doors/traci_program.py`.
     """
 
     has_asked = has_order = has_erred = has_left = False

@@ -1,7 +1,8 @@
 """Acts of the entities, in the order of the file, and the acts that each depends on.
 
 A move may be planned from the speed or the offset that earlier acts leave. An act further down in
-the file that may begin before this move is then a fault.
+the file that may begin before this move is then a fault. `extras/openscenario/story.py` refuses
+events that would interrupt one another.
 
 Users: `extras/openscenario/describe.py`, `extras/openscenario/logical.py`,
 `extras/openscenario/moves.py`, `extras/openscenario/scene.py`, `extras/openscenario/story.py`.
@@ -28,7 +29,7 @@ from sumo_eval.scenario.played import (
 
 # kinds of acts that change a speed, and of acts that move across the road
 SPEEDS, ACROSS = (SPEED, BY_TIME, MATCH), (COSINE, CONSTANT)
-# a move (actor's number, act's index) that stands for none: the ego has no acts
+# (actor's number, act's index), for "no move": the ego has no acts
 NO_MOVE = EGO, 0
 
 
@@ -47,7 +48,9 @@ class FileTraffic:
 
 
 def changes_nothing(act: Act) -> bool:
-    """Whether a move only keeps a speed, or moves by 0 m to remember that a condition held."""
+    """Whether a move only keeps a speed, or is by 0 m: that it began then records that a condition
+    held (`moments.Conditions.latch`).
+    """
     return act.kind == KEEP or (act.kind == COSINE and act.offset == 0.0)
 
 
@@ -61,7 +64,7 @@ def add_act(traffic: FileTraffic, entity: Entity, begin: Moment, act: Act, lasts
     """
     earliest, past = _past_at(traffic, begin)
     for plan in entity.plans:
-        # the act's own plan does not count, nor that of a move that ends before the act begins
+        # not the plan of this act itself (`next_move`), nor of a move that ends before it begins
         matters = act.kind in plan.kinds and plan.move not in (*past, entity.next_move)
         if matters and earliest < plan.until and not changes_nothing(act):
             raise plan.fault
@@ -72,7 +75,9 @@ def add_act(traffic: FileTraffic, entity: Entity, begin: Moment, act: Act, lasts
 
 
 def _past_at(traffic: FileTraffic, begin: Moment) -> tuple[float, set[Past]]:
-    """Earliest time of a moment, s, and what is certainly past then."""
+    """Earliest time of a moment, s, and what is certainly past then: times, s, and moves that have
+    ended.
+    """
     past = set[Past]({0.0})
     programs = [begin.program]
     # The list grows in the loop: a move that has ended has begun, so its own condition held.
@@ -81,6 +86,7 @@ def _past_at(traffic: FileTraffic, begin: Moment) -> tuple[float, set[Past]]:
         ended = (item for item in new if isinstance(item, tuple))
         programs += (traffic.actors[number].acts[index].program for number, index in ended)
         past |= new
+    # after a condition, `time` is the delay from it
     return begin.time + max(item for item in past if isinstance(item, float)), past
 
 
@@ -89,7 +95,8 @@ def follows(traffic: FileTraffic, begin: Moment, span: Span) -> bool:
     earliest, past = _past_at(traffic, begin)
     if span.begin.known:
         return span.end - SAME <= earliest
-    # all that is past at the element's end must be past at the moment, too
+    # all that is past at the element's end must be past at the moment, too; a moment that never
+    # comes is after everything
     _, past_at_end = _past_at(traffic, Moment(0.0, span.ended))
     return earliest == NEVER or (bool(span.ended) and past_at_end <= past)
 
@@ -99,7 +106,8 @@ def unended_move(
 ) -> Move | None:
     """The entity's last move of some kinds so far, if it may not have ended at a moment.
 
-    None where this move and the moment are times: `busy_until` and `steady` then give its end.
+    None where the moment and the begins of all these moves are times: `Entity.busy_until` and
+    `Entity.steady` then give its end.
     """
     earlier = [k for k, act in enumerate(entity.acts)
                if act.kind in kinds and not changes_nothing(act)]  # fmt: skip
@@ -157,6 +165,7 @@ def match_vehicle(
 
     table: as in `played.PLAY` under `match`: three or five pairs.
     """
+    # the other vehicle's number, and what is kept: above 0 a position, else a speed
     number, keeps_place = int(table[0][0]), table[1][1] > 0.0
     other = traffic.ego if number == EGO else traffic.actors[number]
     # `played` counts places, and the other's speed, along the road in the ego's direction
@@ -172,7 +181,8 @@ def match_vehicle(
             "a speed relative to another's is not supported of an oncoming vehicle on a curve"
         )
     span = add_act(traffic, entity, begin, Act(MATCH, table=table), NEVER)
-    # after every step `played` looks only at acts with a condition: a time becomes a condition
+    # `played` matches after every step only where an act waits for a condition (`World.waits`): so
+    # a time becomes a condition
     if begin.known:
         entity.acts[-1] = entity.acts[-1]._replace(begin=0.0, program=from_time(begin.time))
     return span

@@ -170,7 +170,7 @@ def target_speed(action: Node, places: Places, mover: Entity) -> float:
         vehicle_number(other, target)  # refuses a deleted entity
         # `waits` includes this action, if the speed is relative to the entity's own
         if other.waits > (other is mover):
-            raise UnplacedError("", other.name)  # no text: `scene` tries again later
+            raise UnplacedError("", other.name)  # no text: `starts` tries again later
         speed = other.pace * speed if _by_factor(target) else other.pace + speed
     elif target.tag != "AbsoluteTargetSpeed":
         raise target.unsupported()

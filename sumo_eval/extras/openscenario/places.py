@@ -34,7 +34,8 @@ from sumo_eval.scenario.road.reference_line import Line, length_of, map_places, 
 
 # rad: an entity drives along its lane if their headings differ by less
 ALONG = 0.01
-EGO_ALONG = 0.1  # rad, the same for the ego, which must start along its lane
+# rad, the same for the ego, which must start along its lane, and for headings along a trajectory
+EGO_ALONG = 0.1
 _FINE = 0.25  # m between two points of a curved trajectory
 _STRAIGHT = 0.05  # m that a straight route or trajectory may be off the line through its ends
 
@@ -48,9 +49,10 @@ class Spot:
     """A place: its pose on the map, and its road, lane, s and t where it lies on a road.
 
     s, t: along the road's reference line and to the left of it, m.
-    way: 1: the pose points along this line; -1: against it; 0: neither, or on no road.
-    reason: why the place may be on no road, as the end of an error message (`; ...`): a road of the
-        file cannot be read. Empty: all roads can.
+    way: from `Places.located`: 1: the pose points along this line; -1: against it; 0: neither, or
+        on no road.
+    reason: from `Places.located`: why the place may be on no road, as the end of an error message
+        (`; ...`): a road of the file cannot be read. Empty: all roads can.
     """
 
     pose: Pose
@@ -95,9 +97,9 @@ class UnplacedError(InputError):
 
 
 class PlannedMove(NamedTuple):
-    """A move that was planned as if an entity began no further act of some kinds before the move.
+    """A move that was planned as if an entity began no further act of some kinds until a time.
 
-    until: time until which the entity must begin none, s.
+    until: this time, s: when the move begins, or ends if it is over a distance.
     kinds: of these acts.
     fault: what to raise if the entity begins one.
     move: the planned move; once it has ended, the entity may begin one.
@@ -262,7 +264,7 @@ class MapPath:
 
 @dataclass(slots=True)
 class Places:
-    """Reader of places at one point of the file's space.
+    """Reader of the file's places, with its parameters' values at one point of the parameter space.
 
     entities: by name.
     side: factor of the file's y and headings: 1, or -1 in files for CARLA, where they point to the
@@ -319,7 +321,7 @@ class Places:
         return replace(spot, pose=spot.pose._replace(heading=heading))
 
     def located(self, spot: Spot, along: float = ALONG) -> Spot:
-        """A place completed by its road, lane and `way`; off all roads only by a `reason`.
+        """A place with its road, lane and `way`. A place off all roads gets a `reason` instead.
 
         along: angle to the lane, rad, below which a place points along it.
         """
@@ -540,8 +542,8 @@ def entity_of(element: Node, catalogs: Catalogs) -> Entity:
         described = catalogs.entry(described)
     body = _body_of(described)
     left_out = [it.tag for it in (*described.all("Performance"), *element.all("ObjectController"))]
-    # Of a reference its `entityRef`; esmini's cars refer to "", as they have no trailer. A trailer
-    # that stands here itself has no `entityRef`: any text but "" stands for it.
+    # A trailer is an element of its own, or a reference by `entityRef`. esmini's cars have no
+    # trailer and refer to "". "its own": any text but "", for an element without `entityRef`.
     if any(it.text("entityRef", "its own") for it in described.all("Trailer/*")):
         left_out.append("Trailer")
     box = described.child("BoundingBox")

@@ -124,7 +124,8 @@ def _tree(inner: str) -> ast.expr:
     """Python's syntax tree of an expression without its brackets."""
     if len(inner) > _LONGEST:
         raise WrongValueError(f"must have at most {_LONGEST} characters")
-    if re.search(r"\b\d+_", inner):  # as in `number_of`
+    # as in `number_of`; not of a name such as `$speed_1`
+    if re.search(r"(?<![\w$])\d\w*_", inner):
         raise WrongValueError("cannot be read: no number has a `_`")
     try:
         return ast.parse(_REFERENCE.sub(r"p_\1", inner).strip(), mode="eval").body

@@ -101,7 +101,7 @@ def scenario_content(read: Read, point: Numbers) -> Table:
 def _inexpressible(case: ConcreteScenario) -> dict[str, bool]:
     """For each thing that a scenario file cannot express, whether the case has it.
 
-    Cases that `sumo-eval export` wrote can have these.
+    Only files of `sumo-eval export` can lead to such cases.
     """
     road, ego = case.road, case.ego
     return {
@@ -109,7 +109,7 @@ def _inexpressible(case: ConcreteScenario) -> dict[str, bool]:
         # it has more than a position and a speed
         "the start of the ego": ego != Start(ego.x, ego.y, ego.speed),
         "actors that SUMO drives": any(actor.model for actor in case.actors),
-        "the conditions": bool(case.changes),
+        "the conditions": bool(case.changes),  # of perception, actuation, vehicle
     }
 
 
@@ -140,6 +140,7 @@ def _road(road: Road) -> Table:
         name = name.removesuffix(bend_name(road.line, named=named))
     return {
         "name": name, "lanes": road.lanes, "lane_width": road.lane_width,
+        # `length` of a road's table is where its lanes end; a case ends before, at `end.x`
         "length": road.end, "line": [_piece(piece) for piece in road.line],
     }  # fmt: skip
 
@@ -161,7 +162,7 @@ def _vehicle(actor: Actor, name: str, names: Sequence[str]) -> Table:
         "length": actor.length, "width": actor.width, "slides": actor.slides,
         "on_map": actor.on_map is not None,
     }  # fmt: skip
-    if actor.lively:
+    if actor.lively:  # all others point along the road
         table["heading"] = math.degrees(heading)
     # the last act, `concrete.keeps_on`, never begins
     acts = [act for act in actor.acts if math.isfinite(act.begin)]
@@ -185,13 +186,14 @@ def _act(act: played.Act, name: str, names: Sequence[str]) -> Table:
             return {"do": verb, **table}
         case played.CONSTANT:
             even = constant_lateral(act.begin, act.speed, act.offset, act.acceleration)
-            # a scenario file has no duration of it: from its speed another one may follow, rounded
+            # a scenario file has no duration of such a move: only one that follows from the other
+            # values, to the last bit, can be written
             if even.duration == act.duration:
                 table |= {"speed": act.speed, "offset": act.offset}
                 if act.acceleration < math.inf:  # else at once
                     table["acceleration"] = act.acceleration
                 return {"do": "move_sideways", **table}
-        case played.SPEED if act.timed:
+        case played.SPEED if act.timed:  # to standstill, from a known time on
             return {"do": "brake", **table, "deceleration": act.acceleration}
         case played.SPEED if math.isfinite(act.acceleration):
             table |= {"speed": act.speed, "acceleration": act.acceleration}
