@@ -37,7 +37,7 @@ def time_to_collision(ego_speed: ArrayLike, lead_speed: ArrayLike, gap: ArrayLik
     Raises InputError for numbers that are not finite and for negative speeds.
     """
     inverse = inverse_ttc(ego_speed, lead_speed, gap)
-    return checks.quotient(1.0, inverse, inverse > 0.0)[()]
+    return checks.quotient(1.0, inverse, inverse > 0.0, np.inf)[()]
 
 
 def inverse_ttc(ego_speed: ArrayLike, lead_speed: ArrayLike, gap: ArrayLike) -> FloatArray:
@@ -94,7 +94,8 @@ def ideal_braking_gap(
 ) -> FloatArray:
     """Eq. 4: gap d = d0 + v1 t - t (v0 + v2) / 2, m; negative once the ego has hit.
 
-    Here t is the time since the end of the delay, and d0 the gap at the end of the delay.
+    In the equation, t and d0 are time and gap from the end of the delay on; `time` and `gap` count
+    from the beginning.
 
     ego_speed: v0 at time 0, m/s.
     lead_speed: v1, constant, m/s.
@@ -226,8 +227,9 @@ def ideal_impact_speed(
     delay: ArrayLike = 0.0,
     build_up: ArrayLike = 0.0,
 ) -> FloatArray:
-    """Relative speed at contact under ideal braking, m/s (behind Ug of Eq. 17); 0 where contact is
-    avoided.
+    """Relative speed at contact under ideal braking, m/s; 0 where contact is avoided.
+
+    For zones and rules; Ug of Eq. 17 comes from the drive of `ideal_braking`.
 
     ego_speed: v0 at time 0, m/s.
     lead_speed: v1, constant, m/s.
@@ -256,14 +258,14 @@ def ideal_impact_speed(
     on_whole_ramp = closing * ramp - strength * ramp**2 / 6.0  # gap closed during the ramp, m
     on_plateau = np.sqrt(np.maximum(after_ramp**2 - 2.0 * strength * (left - on_whole_ramp), 0.0))
 
-    # gap that a ramp until equal speeds would close, m; `share`: of this, the gap d
+    # gap that a ramp until equal speeds would close, m; `share`: the gap d over it
     needed = 2.0 / 3.0 * closing * np.sqrt(2.0 * closing * ramp / strength)
     free_gap = np.maximum(left, 0.0)
     share = checks.quotient(free_gap, needed, free_gap < needed, 1.0)
     at_root = closing * (1.0 - 4.0 * np.sin(np.arcsin(share) / 3.0) ** 2)
     on_ramp = np.where(share < 1.0, at_root, 0.0)
 
-    # whether contact or equal speeds end the approach during the ramp
+    # whether the approach ends during the ramp: by contact, or (D < a ramp / 2) by equal speeds
     ends_on_ramp = np.where(after_ramp >= 0.0, left < on_whole_ramp, True)
     braked = np.where(ends_on_ramp, on_ramp, on_plateau)
     return np.where(rel <= 0.0, 0.0, np.where(left <= 0.0, rel, np.maximum(braked, 0.0)))[()]
@@ -304,10 +306,11 @@ def searched_criticality(
         -passing_length and 0 is a contact: the lead vehicle moves into the ego's side.
 
     Max ITTC is inf where the ego hits, 0 where it never closes. The impact speed is 0 where it does
-    not hit. Both agree with `max_inverse_ttc` and `ideal_impact_speed` to 1e-3 (relative) where
-    these apply.
+    not hit. Both agree with `max_inverse_ttc` (to 1e-3, relative) and `ideal_impact_speed` where
+    these apply, except within a hair of contact.
 
-    Raises InputError for numbers that are negative or not finite, except a negative gap.
+    Raises InputError for numbers that are not finite, negative ones except of the gap, and a
+    deceleration of 0.
     """
 
     def column(values: FloatArray) -> FloatArray:

@@ -5,9 +5,12 @@ A scenario (`LogicalScenario`) says how its criticality is found:
 
 - `approach`: the ego approaches an obstacle in one lane: in closed form (`criticality.py`), or
   searched over time where the obstacle brakes or comes in later.
-- `search`: an actor moves in two dimensions: searched over time (`conflict.py`).
-- `margin`: the scenario's own function of the parameters, m; below 0 is hazardous.
+- `search`: an actor moves in two dimensions, reacts, or drives where lanes begin, end or cross:
+  searched over time (`conflict.py`).
+- `margin`: the scenario's own function of the parameters, m; hazardous at 0 and below.
 - none of these: every point is safe.
+
+One obstacle decides; other actors have no effect on the zone.
 
 Users: `method/`, `record/`, `scoring/`, `report/explain.py`, `cli/`, `extras/`. Fixed: results to
 the last bit, because they decide the zone of every case.
@@ -33,8 +36,8 @@ from sumo_eval.settings import ZoneSettings
 from sumo_eval.trajectory import BoolArray, FloatArray
 
 DEFAULT_SETTINGS = ZoneSettings()
-# m, about two cars: scale of y by lengths. An ego that has passed with this much free road behind
-# it has y = tanh(1).
+# m, about two cars. y = tanh(p / `PASSING_SCALE`) where y follows from a length p: the free road
+# behind an ego that has passed, or a margin.
 PASSING_SCALE = 10.0
 # points whose criticality is searched over time in one go; their arrays, 1.3 MB each, stay in the
 # processor's cache
@@ -47,9 +50,9 @@ class Criticality(NamedTuple):
 
     inverse: max ITTC, Eq. 6, 1/s; inf where the ego hits.
     impact: impact speed, m/s; 0 where the ego does not hit.
-    gap: m; orders points of equal ITTC and impact speed. The gap at the start; if the actor comes
-        into the ego's path later, the size of the gap at that time; with a `search` the smallest
-        gap; with a `margin` the margin.
+    gap: m; orders points of equal ITTC and impact speed. With an `approach` the gap at the start,
+        or, if the actor comes into the ego's path later, the absolute value of the gap at that
+        time. With a `search` the smallest gap. With a `margin` the margin.
     target: y, Eq. 7, hazardous where <= 0.
     """
 
@@ -69,9 +72,10 @@ def criticality(
     settings: `[method.zones]`: a, ITTC*, scale.
 
     An actor that comes into the ego's path later finds the ego past it or not. If the ego has
-    passed, the point is safe, with y = tanh(p / 10 m), p the free road between them. If it has not
-    (p <= 0), y is the larger of this and the squared-time target. Without p the target would jump
-    from the hardest hit to perfectly safe, and no smooth surface follows a jump.
+    passed, the point is safe, with y = tanh(p / 10 m), p the free road between them. If it has not,
+    p is 0 or negative, and y is the larger of tanh(p / 10 m) and the squared-time target. Without p
+    the target would jump from the hardest hit to perfectly safe, and no smooth surface follows a
+    jump.
     """
     if logical.margin is not None:
         margin = np.asarray(logical.values(logical.margin, points))
@@ -105,8 +109,8 @@ def _approached(approach: Approach | None, n: int, settings: ZoneSettings) -> Fl
     exact = _columns(n, inverse, ideal_impact_speed(*scene, **braking), approach.gap)
     if approach.has_closed_form.all():
         return exact
-    # The size of the gap: of two equally hard hits the hit at the closer meeting counts as worse,
-    # and not the hit that the ego has nearly passed.
+    # The absolute value: of two equally hard hits, the hit with the smaller overlap along the road
+    # counts as worse, not the hit with the most negative gap, where the ego has nearly passed.
     gap = np.abs(_gap_at_conflict(approach, settings))
     searched = _columns(n, *_searched(approach, n, settings), gap)
     return np.where(approach.has_closed_form, exact, searched)
@@ -149,7 +153,7 @@ def _gap_at_conflict(approach: Approach, settings: ZoneSettings) -> FloatArray:
 
 
 def _searched(approach: Approach, n: int, settings: ZoneSettings) -> tuple[FloatArray, FloatArray]:
-    """Max ITTC, 1/s, and impact speed, m/s, of `n` points without a closed form, (n,) each."""
+    """Max ITTC, 1/s, and impact speed, m/s, of n points by search over time, (n,) each."""
     inverse, impact = np.empty(n), np.empty(n)
     egos = _columns(n, approach.ego_speed, approach.gap, approach.delay)
     obstacles = _columns(
@@ -179,8 +183,8 @@ def _columns(n: int, *values: ArrayLike) -> FloatArray:
 def _lead(speed: FloatArray, slowing: FloatArray) -> tuple[Profile, Profile]:
     """Two functions of times (n, m), s, for n obstacles: speed, m/s, and driven distance, m.
 
-    speed: at the start, (n, 1), m/s.
-    slowing: deceleration from the start on, (n, 1), m/s2; 0: it keeps its speed.
+    speed: at the start, m/s, (n, 1), or of the shape of the times.
+    slowing: deceleration from the start on, m/s2, as `speed`; 0: it keeps its speed.
     """
     brakes = slowing > 0.0
     if not brakes.any():  # the results below, in a third of the time

@@ -1,5 +1,8 @@
-"""Identities: texts that state all that a case's facts depend on. Recorded facts are reused only
-for equal identities: `record.recording` makes a fingerprint of each case from them.
+"""Identities: texts that state what a case's facts depend on before it is driven. Recorded facts
+are reused only for equal identities: `record.recording` makes a fingerprint of each case from them.
+Files that an ADS reads while it drives: `record/reads.py`.
+
+Fixed: the form of these texts, because another form makes all recorded facts stale.
 
 Users: `extras/studies/qualification/table.py`, `extras/studies/trials.py`, `record/cluster.py`,
 `record/engines.py`, `record/recording.py`, `record/run_folder.py`, `record/worker.py`.

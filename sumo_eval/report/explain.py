@@ -1,6 +1,9 @@
 """The whole arithmetic of one case in words, each step with its equation's number, for
 `sumo-eval explain`.
 
+Fixed: numbers are those of the scores, and none is computed here; only zone, r and D_i are computed
+again from trajectories, as a check. Free to change: words.
+
 Users: `cli/look.py`, `cli/whatif.py`, `extras/figures/drawn.py`, `nightly/night.py`,
 `report/export_case.py`, `report/replay.py`.
 """
@@ -154,7 +157,7 @@ def _collision(case: CaseResult, fact: Fact, findings: Findings) -> Iterator[str
         f"m/s, with `{hit.other}` at t = {hit.time:z.2f} s"
     )
     settings = findings.method.collision
-    if not settings.unit:  # a loss in 0..1
+    if not settings.unit:  # another severity than U: a loss in 0..1
         yield f"`{settings.severity}` replaces U: {number(case.severity, 4)}"
     yield f"Eq. 14: L = {number(case.loss, 1)}"
     if case.ideal_severity is None:
@@ -171,7 +174,7 @@ def _collision(case: CaseResult, fact: Fact, findings: Findings) -> Iterator[str
     best = f"hits with Ug = {ideal:z.3f}{settings.unit}" if ideal else "avoids, Ug = 0"
     capped = ", capped at 1: gentler than the ideal vehicle" if case.beats_ideal else ""
     yield f"Eq. 17: the ideal vehicle {best}: {ratio} = {part.value:z.4f}{capped}"
-    points = worth(findings.method.score)  # of S that C = 1 and D = 1 are worth
+    points = worth(findings.method.score)  # what C = 1 and D = 1 add to S
     weight, total, replaced = case.weight, part.total, ""
     if not total:  # `Findings.part` weighs all collisions alike then
         weight, total, replaced = 1.0, part.cases, ", r counts 1 as it is 0 in all"
@@ -271,7 +274,7 @@ def _task(case: CaseResult, findings: Findings) -> Iterator[str]:
         yield "T: the hazardous zone has no part in it"
         return
     if case.task_share is None:
-        no_reference = "no reference is there without an incident"
+        no_reference = "there is no reference, or each of them had an incident"
         why = no_reference if case.counted else "it could not be evaluated"
         yield f"T: this case has no part in it: {why}"
         return
@@ -281,7 +284,8 @@ def _task(case: CaseResult, findings: Findings) -> Iterator[str]:
         return
     car = score.task_reference
     slowest = f"the slowest of `{car}` and the drivers" if car else "the slowest of the drivers"
-    slowest = f"`{car}`" if score.nobody_compared else slowest
+    if score.nobody_compared:  # no drivers
+        slowest = f"`{car}`"
     why = " for its incident" if case.incident or case.struck_from_behind else ""  # t_i is 0
     part = findings.part(case, findings.tasked, findings.cases.exposure, findings.cases.task_share)
     yield (
@@ -302,8 +306,7 @@ def _avoided(case: CaseResult, findings: Findings) -> Iterator[str]:
     score = findings.score
     if missing or score.avoided_share is None:
         yield (
-            f"A: this case has no part in it; {' and '.join(missing) or 'it'} could not be "
-            "evaluated"
+            f"A: this case has no part in it; {' and '.join(missing) or 'A'} could not be evaluated"
         )
         return
     unit = findings.method.collision.regret_unit
@@ -314,7 +317,7 @@ def _avoided(case: CaseResult, findings: Findings) -> Iterator[str]:
             f"{case.departure_speed:z.3f} m/s"
         )
     if case.gave_up:
-        yield "A: the ADS gave the case up, which counts as doing nothing, U0, at least"
+        yield "A: the ADS gave the case up, which counts at least as doing nothing, U0"
     weight = f"r = {number(case.weight, 4)}" if findings.weighted else "1, as r is 0 in all cases"
     kind = "caused by the ADS" if case.caused else case.kind
     collision = f": the collision is {kind}" if case.collided else ""

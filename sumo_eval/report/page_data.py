@@ -1,4 +1,7 @@
-"""Data of the page's JavaScript: cases and zone maps, small enough for one file.
+"""Data of the page's JavaScript: cases, zone maps, groups and roads, packed to be small.
+
+`scoring/shown_cases.py` chooses the cases of a large run, `report/sent_drives.py` the drives.
+Fixed: keys, which `templates/report.js` and `templates/replay.js` read.
 
 Users: `extras/figures/of_scenes.py`, `extras/wheel/page.py`, `report/html.py`, `report/replay.py`.
 """
@@ -87,7 +90,7 @@ def embedded_cases(
             case = findings.cases[row]
             details = {
                 "missing": why_missing(case) if missing[row] else None,
-                "avoided": finite(ratios[row]),
+                "avoided": finite(ratios[row]),  # Ug / U, or Lg / L, of Eq. 17
                 "lost": finite(lost_of_c[row]),
                 "aLost": finite(lost_of_a[row]) if case.incident else None,
                 "verdict": str(verdict_of[row]),
@@ -256,12 +259,14 @@ def drawn_shape(road: Road) -> Json:
     solid = []
     last = road.length + road.run_out
     for span in road.spans:
-        # x, m, where the lane begins to widen, is open, begins to narrow, and is gone; inf: never
+        # x, m, where the lane begins to widen, is open, begins to narrow, and is gone; not finite:
+        # it is there from the road's start, or to its end
         opening, closing = span.places[:2], span.places[2:]
         middle, half = road.lane_centre(span.lane), 0.5 * road.lane_width
         side = -half if span.lane == 0 else half
         outer, inner = middle + side, middle - side
-        # from each end of the road: no lane up to `thin`, its full width from `wide` on
+        # Seen from each end of the road: `thin`: up to here there is no lane; `wide`: from here on
+        # it has its full width. Closing is seen from the road's end, hence reversed.
         for end, thin, wide in ((0.0, *opening), (last, *closing[::-1])):
             if isfinite(wide):
                 gone.append([[end, outer], [end, inner], [thin, inner], [wide, outer]])

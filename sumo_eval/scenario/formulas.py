@@ -31,7 +31,7 @@ from sumo_eval.text import point_words
 from sumo_eval.trajectory import FloatArray
 
 Formula = str | float
-"""In a file: a number, or an expression of the parameters and definitions."""
+"""In a file: a number, or an expression of the parameters, options and definitions."""
 
 
 @frozen
@@ -79,8 +79,8 @@ class Formulas:
         for expression in self.expressions:
             results.append(np.broadcast_to(expression.value(extended), shape))
             if np.isnan(results[-1]).any():
-                # only a zone rule may be nan: conditions are true or false. It is refused also
-                # where a constraint does not hold, because the zones are learnt there, too.
+                # This is a zone rule, as conditions are true or false. A nan is refused also where
+                # a constraint does not hold, because the zones are learnt there, too.
                 wanted = "a number at every point of the ranges"
                 raise must_be(f"`{expression.text}`", "the zone rule", wanted, np.nan)
         return tuple(results)
@@ -112,7 +112,8 @@ class ExposureDensity:
 
     expression: a factor; None: 1.
     joint: then no parameter has a distribution of its own.
-    constraints: where one of them does not hold, the expression may be undefined: the density is 0.
+    constraints: where one of them does not hold, the expression may be undefined, and the density
+        is then 0.
     """
 
     parameters: tuple[Parameter, ...]
@@ -210,8 +211,8 @@ class Names:
     has_recorded_ego: whether the ego has recorded positions. Then the `when` of a `follow` may use
         `departed`.
     definitions: whose names are in `known`.
-    scene: expressions that the scene depends on: the methods below that read a quantity or a
-        condition append theirs.
+    scene: expressions that the scene depends on: `quantity` appends its own, and
+        `scenario/trigger.py` those of conditions.
     """
 
     where: str

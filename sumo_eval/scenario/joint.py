@@ -7,14 +7,15 @@ There are two kinds of density, both cut to the box of the space:
 - copula: a one-dimensional KDE for each parameter, cut to its range; their dependence by the
   correlation of their normal scores (a Gaussian copula).
 
-A sum of kernels is wider than the events, by sqrt(1 + h^2) for a bandwidth h. So rare values get
-too high a density where the events' tails are those of a normal distribution. The narrow form of
-either kind divides the distances from the events' mean, and the kernels' width, by that factor. It
-varies as much as the events do (Silverman, Density Estimation, 1986, 6.4.1), but gives values in a
-long tail too low a density.
+A sum of kernels is wider than the events, by sqrt(1 + h^2) for a KDE of bandwidth h. So rare values
+get too high a density where the events' tails are those of a normal distribution. The narrow form
+of either kind divides the distances from the events' mean, and the kernels' width, by that factor.
+It varies as much as the events do (Silverman, Density Estimation, 1986, 6.4.1), but gives values in
+a long tail too low a density.
 
-`[joint]` of a scenario file and `sumo-eval learn` make these densities. scipy is imported only when
-the first of them is computed.
+`[joint]` of a scenario file (its keys: `file_tables.JointTable`) and `sumo-eval learn` make these
+densities; only `sumo-eval campaign` makes the narrow form. scipy is imported only when the first of
+them is computed. Fixed: densities and draws, on which exposure and drawn points depend.
 
 Users: `extras/rates/exposure.py`, `extras/rates/importance.py`, `extras/rates/learn_page.py`,
 `extras/rates/learned.py`, `scenario/file_tables.py`, `scenario/formulas.py`.
@@ -34,13 +35,14 @@ from sumo_eval.trajectory import BoolArray, FloatArray
 
 JointKind = Literal["kde", "copula"]
 GRID = 1025  # values of a parameter at which a copula's one-dimensional density is tabulated
-# draws that estimate the share of a KDE within its box; if no draw of as many lies in the box,
-# `Joint.draw` gives up
+# draws that estimate the share of a KDE within its box; `Joint.draw` gives up after as many draws
+# outside the box
 MASS_DRAWS = 32_768
 LEAST_EIGENVALUE = 1e-9  # of a copula's correlation matrix, so that it has a Cholesky factor
 LEAST_SHARE = 1e-9  # of probability at both ends: normal scores lie within +-6
 _BATCH = 4096  # points whose distances from all kernels are computed at once: limits the memory
-_LEAST_INSIDE = 1e-4  # share of a KDE within its box, at least: a density is divided by it
+# least share of a KDE within its box: callers of `density` divide by it (`mass`)
+_LEAST_INSIDE = 1e-4
 
 
 @frozen
@@ -50,8 +52,8 @@ class Joint:
     names: of the parameters, in the order of the columns of `events`.
     events: n rows of k finite numbers.
     low, high: corners of the box that the density is cut to.
-    bandwidth: standard deviation of a kernel over that of the events; None: Scott's
-        n^(-1/(k+4)), with k = 1 for a copula.
+    bandwidth: standard deviation of a kernel over the spread of the events: their standard
+        deviation, or for a copula `_spread`; None: Scott's n^(-1/(k+4)), with k = 1 for a copula.
     source: name of the file with the events, for sentences.
     weights: of the events; empty: all equal.
     narrow: whether it is the narrow form.
@@ -79,7 +81,7 @@ class Joint:
 
     @property
     def factor(self) -> float:
-        """Standard deviation of a kernel over that of the events."""
+        """The bandwidth, Scott's if it is None."""
         if self.bandwidth is not None:
             return self.bandwidth
         k = len(self.names) if self.kind == "kde" else 1
