@@ -140,6 +140,14 @@ def test_terms_that_are_alike_have_the_interval_of_a_share():
     assert found.loss[0] == pytest.approx(3.6e-7)
 
 
+def test_the_limits_of_a_probability_hold_its_value():
+    # every drive collides; by chance, the mean of the weights is above 1: 1.05
+    weights = np.repeat([1.0, 1.1], 100)
+    value, low, high = estimated(weights, np.ones(200), 200, 1.0, 200, 200).probability
+    assert value == high == 1.0
+    assert 0.95 < low < 1.0
+
+
 @pytest.mark.campaign
 def test_a_driver_who_sleeps_has_a_higher_rate_than_one_who_does_not(tmp_path):
     file = tmp_path / "campaign.toml"

@@ -393,8 +393,9 @@ def _mean(terms: FloatArray, drawn: int) -> tuple[Limits, float]:
     relative = sqrt(variance) / mean if mean > 0.0 else inf
     student = float(stdtrit(degrees_of_freedom(terms), (1.0 + LEVEL) / 2.0))
     reach = student * sqrt(log1p(relative**2))
-    high = mean * exp(min(reach, LARGEST_EXPONENT))
-    return (min(mean, 1.0), mean * exp(-reach), min(high, 1.0)), relative
+    value = min(mean, 1.0)  # by chance, weights p/q may have a mean above 1
+    high = value * exp(min(reach, LARGEST_EXPONENT))
+    return (value, value * exp(-reach), min(high, 1.0)), relative
 
 
 def degrees_of_freedom(terms: FloatArray) -> float:
