@@ -32,7 +32,9 @@ GRAVITY = 9.81  # m/s2
 KINEMATIC_UP_TO = 0.4 * GRAVITY  # lateral, m/s2, up to which tyres are assumed not to slip
 # m/s, below which the dynamic model moves as the kinematic one: its slip angles divide by the speed
 _SLOWEST_SLIP = 2.0
-_PARTS = 10  # of a step: the dynamic model makes one step of integration in each
+# of a step, at least and at most: the dynamic model makes one step of integration in each
+_PARTS, _MOST_PARTS = 10, 1000
+_PART = 1.5  # longest part, over the time in which slip or yaw settle: from 2 on errors would grow
 _GRANTED = 1e-9  # m/s2, a request that is missed by less counts as granted
 _SAME = 1e-12  # m/s2, accelerations that differ by less are equal
 
@@ -237,37 +239,39 @@ def move_dynamic(
 
     Arguments as in `move`. Steering, drive and brakes have the kinematic model's limits, except
     that the tyres do not limit the steering. Side slip, yaw and position are integrated
-    by Heun's method in `_PARTS` parts of the step; speed and distance along the path are those of
-    `drive`.
+    by Heun's method in parts of the step, `_PARTS` or more; speed and distance along the path are
+    those of `drive`.
     """
     # begin, end: steering wheel angles, rad; wheel, wheel2: angles of the road wheels, rad
     speed, acceleration, begin = ego.speed, ego.acceleration, ego.steering
     slip = ego.slip
     yaw_rate = ego.yaw_rate
-    end = _limit_steering(
-        ego, steering, math.radians(limits.max_steering_wheel_angle_deg), limits, step, clips
-    )
+    end = _limit_steering(ego, steering, math.inf, limits, step, clips)
     target = _limit_acceleration(wanted, speed * yaw_rate, limits, ego.time, clips)
     distance = _drive_within(ego, target, limits, step, clips)
     end_speed, ego.steering = ego.speed, end
+    # m from the rear axle to the centre of gravity
+    rear = (1.0 - limits.front_share) * limits.wheelbase
     if speed < _SLOWEST_SLIP or end_speed < _SLOWEST_SLIP:
         _along_arc(at, distance, _curvature(0.5 * (begin + end), limits), limits.wheelbase)
-        curvature = _curvature(end, limits)
-        # m from the rear axle, whose tyres do not slip, to the centre of gravity
-        rear = (1.0 - limits.front_share) * limits.wheelbase
+        curvature = _curvature(end, limits)  # of the rear axle's path: its tyres do not slip
         ego.slip, ego.yaw_rate = math.atan(rear * curvature), end_speed * curvature
         return
     # m by which the centre of gravity is ahead of `at`, which is midway between the axles
     ahead = (0.5 - limits.front_share) * limits.wheelbase
     heading = at.heading
     x, y = at.x + ahead * math.cos(heading), at.y + ahead * math.sin(heading)
-    part = step / _PARTS  # s
-    path = distance / _PARTS  # m
+    # 1/s, rates at which slip and yaw settle where the tyres are linear: the larger one
+    settling = limits.friction * limits.cornering_stiffness * GRAVITY / min(speed, end_speed)
+    settling *= max(limits.mass * rear * (limits.wheelbase - rear) / limits.yaw_inertia, 1.0)
+    parts = math.ceil(min(max(settling * step / _PART, _PARTS), _MOST_PARTS))
+    part = step / parts  # s
+    path = distance / parts  # m
     most = 0.0  # largest share of the friction that linear tyres would use
-    for k in range(_PARTS):
+    for k in range(parts):
         # Heun's method: rates at the start of the part, then (names with a 2) at its predicted end
-        share = k / _PARTS
-        next_share = (k + 1) / _PARTS
+        share = k / parts
+        next_share = (k + 1) / parts
         v = speed + share * (end_speed - speed)
         v2 = speed + next_share * (end_speed - speed)
         wheel = (begin + share * (end - begin)) / limits.steering_ratio

@@ -334,6 +334,15 @@ def test_a_gentle_curve_has_the_yaw_rate_of_the_linear_model():
     assert not clips
 
 
+@pytest.mark.parametrize(
+    "changes", [{"mass": 3000.0}, {"cornering_stiffness": 90.0}, {"yaw_inertia": 300.0}]
+)
+def test_slow_curve_does_not_depend_on_the_step(changes):
+    limits = VehicleSettings(model="dynamic", **changes)
+    coarse, fine = (drive_dynamic(2.3, 0.8, 4.0, step, limits=limits)[0] for step in (0.1, 0.01))
+    assert coarse == pytest.approx(fine, abs=1e-2)
+
+
 @pytest.mark.parametrize("friction, left", [(0.8, 0.0), (1.0, math.sqrt(GRAVITY**2 - 9.0**2))])
 def test_law_a_clip_names_the_grip_that_full_braking_leaves(friction, left):
     limits = VehicleSettings(model="dynamic", friction=friction)
