@@ -569,12 +569,9 @@ class ScenarioFile(Checked):
         # by vehicle and name of a manoeuvre: number of its act
         acts = {item.name: item.endings for item in self.vehicle}
         names = Names(where, f"scenario `{self.name}`", [], acts, bool(self.ego.recorded))
-        units = [
-            *((item.name, item.unit) for item in parameters),
-            *((item.name, item.unit) for item in self.option),
-        ]
-        names.known.extend(names.distinct((name for name, _ in units), "parameter and option"))
-        check_uses(self, dict(units), where)
+        named: Sequence[Parameter | OptionTable] = (*parameters, *self.option)
+        names.known.extend(names.distinct((item.name for item in named), "parameter and option"))
+        check_uses(self, {item.name: item.unit for item in named}, where)
         entries = []
         for name, formula in self.define.items():
             check_variable(name, f"a definition of {where}")

@@ -13,6 +13,7 @@ from dataclasses import fields, is_dataclass
 from typing import Any
 
 from sumo_eval.errors import InputError, unknown
+from sumo_eval.settings import SimulationSettings
 from sumo_eval.settings.checked import about
 
 KNOWN = ("1", "m", "s", "m/s", "m/s2", "m/s3", "deg", "rad", "1/s", "1/m", "1/km", "kg")
@@ -53,7 +54,7 @@ def factor_to(own: str, unit: str, column: str) -> float:
     column: name of the numbers' column in errors.
     """
     others = {name: factor for name, (known, factor) in _CONVERSIONS.items() if known == spelt(own)}
-    factors = {own.lower(): 1.0, spelt(own).lower(): 1.0, **others}
+    factors = {spelt(own).lower(): 1.0, **others}
     if (factor := factors.get(spelt(unit).lower())) is None:
         raise unknown(f"unit of {column}:", unit, (own, *others))
     return factor
@@ -103,9 +104,10 @@ def check_unit(unit: str, owner: str, numbers: Mapping[str, float | None]) -> No
     """
     if spelt(unit) in KNOWN:
         return
-    if unit.strip().lower() not in _CONVERSIONS:
+    conversion = _CONVERSIONS.get(unit.strip().lower())
+    if conversion is None:
         raise unknown(f"unit of {owner}:", unit, KNOWN)
-    own, factor = _CONVERSIONS[unit.strip().lower()]
+    own, factor = conversion
     written = ", ".join(
         f"{key} = {factor * value:.6g}" for key, value in numbers.items() if value is not None
     )
@@ -117,13 +119,16 @@ def check_unit(unit: str, owner: str, numbers: Mapping[str, float | None]) -> No
 
 def check_uses(table: Any, units: Mapping[str, str], where: str) -> None:
     """Refuse a key that is set to the name of a parameter or option with another unit than the
-    key's.
+    key's, and a parameter that is a setting of the drive in another unit than the setting's.
 
     table: a table of the scenario file, with the tables in it.
     units: of parameters and options by name; `1` always fits.
     where: name of the file in errors.
     """
     for item, key, name in _texts_in(table):
+        if "." in name and name in units:  # the parameter is itself a setting of the drive
+            group, key = name.split(".")
+            item = getattr(SimulationSettings(), group)
         wanted = about(type(item), key).unit
         unit = spelt(units.get(name, "1"))
         if wanted and unit not in ("1", wanted):

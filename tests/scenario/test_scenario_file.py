@@ -434,6 +434,20 @@ def test_what_is_often_written_gets_the_sentence_that_helps(short, old, new, wor
         check_file(short)
 
 
+@pytest.mark.parametrize(
+    "name, unit, wanted",
+    [("conditions.field_of_view_deg", "rad", "deg"), ("vehicle.max_deceleration", "m/s", "m/s2")],
+)
+def test_setting_as_parameter_has_the_unit_of_the_setting(short, name, unit, wanted):
+    """A field of view of 2 rad was simulated as 2 deg."""
+    parameter = f'[[parameter]]\nname = "{name}"\nunit = "UNIT"\nvalues = [1.0, 2.0]\n\n[ego]'
+    replace_in(short, "[ego]", parameter.replace("UNIT", wanted))
+    check_file(short)
+    replace_in(short, f'unit = "{wanted}"\nvalues', f'unit = "{unit}"\nvalues')
+    with refusal(f"in {wanted}, got `{name}`, which is in {unit}"):
+        check_file(short)
+
+
 def test_an_ego_whose_front_is_beyond_the_road_is_refused(short):
     """SUMO would move it back, and every drive would fail."""
     replace_in(short, "length = 286.4", "length = 280.0")
