@@ -147,7 +147,9 @@ def _leave_shard(shard: str | None, folder: Path, drives: int, failed: int) -> N
     drives: number of recorded drives, references included.
     failed: number of those drives of ADSs that could not be evaluated.
     """
-    note = f", {failed} drives of ADSs were not evaluated" if failed else ""
+    from sumo_eval.report.words import count
+
+    note = f", {count(failed, 'drive')} of ADSs not evaluated" if failed else ""
     tell(f"Shard {shard}: {drives} drives are recorded in {folder}{note}.")
     sys.exit(NOT_EVALUATED if failed else DONE)
 

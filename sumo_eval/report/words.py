@@ -2,8 +2,8 @@
 
 The `z` in formats of numbers, here and in all files of this folder, writes -0.0 as 0.0.
 
-Users: `cli/space.py`, `cli/whatif.py`, `nightly/`, `report/`, `extras/figures/of_scenes.py`,
-`extras/openscenario/describe.py`, `extras/rates/`.
+Users: `cli/run.py`, `cli/space.py`, `cli/whatif.py`, `nightly/`, `report/`,
+`extras/figures/of_scenes.py`, `extras/openscenario/describe.py`, `extras/rates/`.
 """
 
 import math
@@ -169,7 +169,7 @@ def sampling_words(sampling: SamplingSettings, logical: LogicalScenario) -> str:
     if texts:
         return f"{method}, {texts[0]}"
     if sampling.count is not None:
-        return f"{method}, {sampling.count} points asked for"
+        return f"{method}, {count(sampling.count, 'point')} asked for"
     if sampling.file is not None:
         return f"{method}, {sampling.file}"
     return f"{method}, {_axes_words(sampling, logical)}"

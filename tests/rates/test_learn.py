@@ -158,12 +158,13 @@ def test_recordings_whose_name_is_not_utf8_are_refused_before_they_are_read(tmp_
 
 def test_too_little_data_leaves_no_campaign_that_is_refused(tmp_path):
     source, out = tmp_path / "fcd.csv", tmp_path / "learnt"
-    planted(source, 2, 1.0, 1)  # few encounters, of which nothing can be fitted
+    planted(source, 2, 1.0, 0)  # one encounter, of which nothing can be fitted
     out.mkdir()
     for name in ("campaign.toml", "cut_in.toml", "cut_in.xosc", "cut_in.events.csv"):
         (out / name).write_text("of an earlier time")
     done = sumo_eval(f"learn {source} --format sumo_fcd --out {out}")
     assert "no scenario file" in done.said
+    assert "cut_in: 1 event, " in done.said
     assert "fitted cut_in: 1 done\n" in done.stderr
     assert "fitted lane_change: 7 done\n" in done.stderr
     assert not [*out.glob("*.toml"), *out.glob("cut_in.*")]

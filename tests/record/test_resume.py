@@ -22,6 +22,7 @@ from refusals import refusal
 from tables import in_campaign
 
 import sumo_eval
+from sumo_eval.cli.run import _leave_shard
 from sumo_eval.errors import InputError, StoppedError
 from sumo_eval.input_file import MANIFEST
 from sumo_eval.record import run_folder
@@ -426,6 +427,12 @@ def test_a_merged_run_names_files_and_builds_of_its_shards(tmp_path, monkeypatch
 def test_a_shard_that_is_none_is_refused(text):
     with refusal("must have the form i/n"):
         parse_shard(text)
+
+
+def test_a_shard_with_one_failed_drive_counts_it(tmp_path, capsys):
+    with pytest.raises(SystemExit):
+        _leave_shard("1/2", tmp_path, 30, 1)
+    assert ", 1 drive of ADSs not evaluated." in capsys.readouterr().out
 
 
 def test_a_share_that_is_none_is_refused(tmp_path):

@@ -300,6 +300,8 @@ def test_a_hard_collision_that_weighs_nothing_is_not_called_soft(evaluation):
 def test_the_choice_of_points_in_words():
     logical = catalogue.load("ncap_ccrs")
     assert sampling_words(SamplingSettings(file="own.csv"), logical) == "file, own.csv"
+    one = SamplingSettings(method="sobol", count=1)
+    assert sampling_words(one, logical) == "sobol, 1 point asked for"
     assert sampling_words(SamplingSettings(levels=3), logical) == "grid, 3 points on each axis"
     side = catalogue.load("exit_cut")  # `side` has two listed values
     *speeds, gap, _ = side.names

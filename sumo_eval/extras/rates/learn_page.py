@@ -196,7 +196,7 @@ def sentences(lesson: Lesson) -> list[str]:
                 f"{np.median(learnt.replay[:, 2]):.2f} m (median)."
             )
         rates = f"{rate:.3g} ({interval(low, high)}) per vehicle-km"
-        lines.append(f"{name}: {events} events, {rates}; {result}")
+        lines.append(f"{name}: {count(events, 'event')}, {rates}; {result}")
     return lines
 
 
@@ -222,7 +222,7 @@ def _class_parts(learnt: Learnt, content: Json) -> list[Text | Table | Chart]:
     encounters = learnt.encounters
     pieces: list[Text | Table | Chart] = [
         Text(
-            f"{content['events']} events ({content['ghosts']} ghosts dropped); "
+            f"{count(content['events'], 'event')} ({count(content['ghosts'], 'ghost')} dropped); "
             f"{len(encounters.rows)} with all parameters, {content['against_a_constraint']} of "
             "them against a constraint of the scenario."
         ),
@@ -232,7 +232,7 @@ def _class_parts(learnt: Learnt, content: Json) -> list[Text | Table | Chart]:
         ),
     ]
     if learnt.joint is None:
-        events = f"{len(encounters.rows)} events with all parameters"
+        events = f"{count(len(encounters.rows), 'event')} with all parameters"
         pieces.append(Text(f"{events}, {_lacking(learnt)}: no scenario file.", "note"))
     else:
         caption = f"{encounters.name}: recorded and modelled"
