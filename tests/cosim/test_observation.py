@@ -310,6 +310,14 @@ def test_a_vehicle_behind_a_nearer_one_is_hidden_until_a_fifth_of_it_shows():
         assert {v.number for v in shown} == seen
 
 
+def test_what_is_seen_from_its_side_shows_and_hides_its_length():
+    # a car is 1.8 m wide: a crossing one shows 4.5 m
+    crossing, along = (car(100.0, heading=heading) for heading in (math.pi / 2, 0.0))
+    hidden_by = {crossing: car(70.0), along: car(70.0, 1.3, heading=math.pi / 2)}
+    seen = {it: len(look(by, it, occlusion=True).vehicles) for it, by in hidden_by.items()}
+    assert seen == {crossing: 2, along: 1}
+
+
 def test_misses_and_noise_have_the_stated_size_and_leave_the_truth_alone():
     own, gaps, speeds = eyes(dropout=0.3, position_noise=0.5, speed_noise=0.2), [], []
     for step in range(4000):

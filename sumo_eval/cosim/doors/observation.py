@@ -654,7 +654,8 @@ class Perception:
         if self._used[_FIELD_OF_VIEW]:  # one of an actor's five points must be in it
             reach &= (np.abs(_angles(egos, columns)) <= half_angle).any(axis=0)
         if self._used[_OCCLUSION]:
-            reach &= ~(_hidden(me_x, x, y, columns[5]) & (hides > 0.0))
+            half_width = half_extents(columns[2], *columns[4:6])[1]
+            reach &= ~(_hidden(me_x, x, y, half_width) & (hides > 0.0))
         return np.asarray(reach)
 
 
@@ -677,18 +678,18 @@ def _angles(egos: FloatArray, columns: FloatArray) -> FloatArray:
     return np.asarray(angle - tau * np.floor(angle / tau + 0.5))
 
 
-def _hidden(me_x: FloatArray, x: FloatArray, y: FloatArray, width: FloatArray) -> BoolArray:
+def _hidden(me_x: FloatArray, x: FloatArray, y: FloatArray, half_width: FloatArray) -> BoolArray:
     """Whether a nearer vehicle in front of the ego covers more than `_COVERED` of each vehicle's
-    width, (n, m); lines of sight run along the road.
+    width across the road, (n, m); lines of sight run along the road.
     """
-    left, right = y + width / 2.0, y - width / 2.0
+    left, right = y + half_width, y - half_width
     # (n, m, m): of the case, the nearer vehicle, the vehicle behind it. shared: width, m, that both
     # have in common; nearer: whether the nearer vehicle is between the ego and the one behind.
     shared = np.minimum(left[:, :, None], left[:, None]) - np.maximum(
         right[:, :, None], right[:, None]
     )
     nearer = (me_x < x)[:, :, None] & (x[:, :, None] < x[:, None])
-    return np.asarray((nearer & (shared > _COVERED * width[:, None])).any(axis=1))
+    return np.asarray((nearer & (shared > _COVERED * 2.0 * half_width[:, None])).any(axis=1))
 
 
 def present(others: FloatArray, is_present: FloatArray) -> FloatArray:
