@@ -10,6 +10,7 @@ from itertools import islice, product
 
 import numpy as np
 
+from sumo_eval.errors import did_you_mean
 from sumo_eval.nightly.rule_limits import EVERYWHERE, WORDS, end_change, judge_rule
 from sumo_eval.report.gate_result import MOST_KEYS, MOST_NAMED, CaseChange, GateResult, in_order
 from sumo_eval.report.score_words import not_computed
@@ -67,7 +68,10 @@ def _without_cases(new: Evaluation, settings: GateSettings) -> Iterator[GateResu
     for limit in settings.limit:
         if (limit.ads, limit.scenario) not in known:
             where = limit.ads or "every ADS", limit.scenario or EVERYWHERE
-            none = f"the run has no case of {' in '.join(where)}"
+            none = f"the run has no case of {' in '.join(where)}."
+            names = {it for pair in known for it in pair}
+            asked = (it for it in (limit.ads, limit.scenario) if it not in names)
+            none += "".join(did_you_mean(str(it), filter(None, names)) for it in asked)
             yield GateResult(limit.quantity, *where, None, f"{limit.quantity}: {none}", reason=none)
 
 

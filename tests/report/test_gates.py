@@ -211,14 +211,14 @@ def test_a_limit_names_some_of_its_cases_and_counts_others(evaluation, most, end
 
 
 def test_a_limit_on_what_the_run_has_not_says_so(evaluation):
-    for limit in (
-        LimitSettings("collisions", ads="misspelt", at_most=0.0),
-        LimitSettings("collisions", scenario="misspelt", at_most=0.0),
-    ):
+    score = evaluation.scores[0]
+    for key, name in (("ads", score.ads), ("scenario", score.scenario)):
+        limit = LimitSettings("collisions", at_most=0.0, **{key: f"{name}x"})
         (found,) = judged(evaluation, evaluation, limit)
         assert found.passed is None
         assert "the run has no case of" in found.sentence
-        assert "misspelt" in found.sentence
+        assert f"{name}x" in found.sentence
+        assert f". Did you mean `{name}`?" in found.sentence
 
 
 def test_without_a_base_only_limits_on_values_are_evaluated(evaluation):
