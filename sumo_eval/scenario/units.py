@@ -55,7 +55,7 @@ def factor_to(own: str, unit: str, column: str) -> float:
     """
     others = {name: factor for name, (known, factor) in _CONVERSIONS.items() if known == spelt(own)}
     factors = {spelt(own).lower(): 1.0, **others}
-    if (factor := factors.get(spelt(unit).lower())) is None:
+    if (factor := factors.get(spelt(unit.lower()))) is None:
         raise unknown(f"unit of {column}:", unit, (own, *others))
     return factor
 
@@ -66,7 +66,7 @@ def si_factor(unit: str) -> float | None:
     factors = {name: factor for name, (_, factor) in _CONVERSIONS.items()}
     # the units of `KNOWN` are SI units, except these two
     factors |= dict.fromkeys(KNOWN, 1.0) | {"deg": math.radians(1.0), "1/km": 0.001}
-    return factors.get(spelt(unit).lower())
+    return factors.get(spelt(unit.lower()))
 
 
 def in_own_unit(value: float, factor: float) -> float:
