@@ -149,7 +149,7 @@ class Stage:
                 calls.setSpeedMode(name, EXACT_SPEED_MODE)
                 self._received_speeds[name] = start.speed
                 if name == EGO and hasattr(self.traci, "ego_has_speed"):
-                    continue
+                    continue  # a program (`ServedSimulation`) may have set a speed of its own
                 calls.setSpeed(name, start.speed)
             for name, actor in zip(names[1:], concrete.actors, strict=True):
                 if departure_speed(actor) < actor.start.speed:
