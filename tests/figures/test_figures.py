@@ -197,8 +197,8 @@ def test_a_history_of_nights_is_drawn(done, tmp_path):
     history.mkdir()
     night = import_run(history, done.folder)
     with open_history(history) as database:  # a night without scores: the lines have a gap there
-        database.add(night._replace(night="later"), replace(done, scores=()), ())
-        database.add(night._replace(night="last"), done, ())
+        database.add(night._replace(night="2999-01-01T00-00-00Z"), replace(done, scores=()), ())
+        database.add(night._replace(night="2999-01-02T00-00-00Z"), done, ())
     figure = draw(history, "trend", ads="idm")
     assert np.isnan(figure.axes[0].lines[0].get_ydata()).tolist() == [False, True, False]
     assert [panel.get_ylabel() for panel in figure.axes]
@@ -207,7 +207,9 @@ def test_a_history_of_nights_is_drawn(done, tmp_path):
     save(figure, tmp_path / "trend.pdf")
     with open_history(history) as database:  # an ADS of another scenario has no trend in this one
         other = replace(done.scores[0], ads="new", scenario="other")
-        database.add(night._replace(night="more"), replace(done, scores=(other,)), ())
+        database.add(
+            night._replace(night="2999-01-03T00-00-00Z"), replace(done, scores=(other,)), ()
+        )
     with refusal("A night must have driven new"):
         draw(history, "trend", ads="new")
 
