@@ -116,15 +116,15 @@ def whole(path: Path) -> Iterator[Path]:
     """A block that writes a file under the path that it receives. The file then takes the place of
     the one at `path`, which an error, or a kill, leaves as it was.
     """
-    if path.exists() and not path.is_file():  # a pipe: /dev/stdout resolves to no file
-        yield path
-        return
     target = path.resolve()  # a link stays a link
     if (path.parent / MANIFEST).exists() and target.parent != path.parent.resolve():
         raise InputError(
-            f"{path} must be no link out of its run's folder, which may be someone else's, got "
+            f"{path} must not be a link out of its run's folder, which may be someone else's, got "
             f"one to {target}. Remove the link, or name another file to write."
         )
+    if path.exists() and not path.is_file():  # a pipe: /dev/stdout resolves to no file
+        yield path
+        return
     path = target
     # named by process, as another one may write the same file
     half = path.with_name(f"{path.name}.{os.getpid()}.half")

@@ -65,13 +65,16 @@ def _without_cases(new: Evaluation, settings: GateSettings) -> Iterator[GateResu
     known = {
         it for score in new.scores for it in product((score.ads, None), (score.scenario, None))
     }
+    ads, scenarios = (
+        dict.fromkeys(getattr(score, name) for score in new.scores) for name in ("ads", "scenario")
+    )
     for limit in settings.limit:
         if (limit.ads, limit.scenario) not in known:
             where = limit.ads or "every ADS", limit.scenario or EVERYWHERE
             none = f"the run has no case of {' in '.join(where)}."
-            names = {it for pair in known for it in pair}
-            asked = (it for it in (limit.ads, limit.scenario) if it not in names)
-            none += "".join(did_you_mean(str(it), filter(None, names)) for it in asked)
+            for name, names in ((limit.ads, ads), (limit.scenario, scenarios)):
+                if name is not None and name not in names:
+                    none += did_you_mean(name, names)
             yield GateResult(limit.quantity, *where, None, f"{limit.quantity}: {none}", reason=none)
 
 
