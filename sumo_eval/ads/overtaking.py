@@ -60,9 +60,10 @@ END_AHEAD = 10.0
 LEAST_SPEED = 2.0  # m/s; a slower ego does not overtake
 COMES_TOWARDS = 1.0  # m/s against the ego's direction, above which a vehicle is oncoming
 
-# s, headway that is left to the vehicle behind once it has slowed down to the ego's speed. UN R79,
-# 5.6.4.7 (lane change, ACSF C) lets it brake no harder than `asked_change.REAR_DECELERATION`, and
-# not before `REAR_DELAY` after the ego's side has come to the line between the lanes.
+# s, headway that is left to the vehicle behind once it has slowed down to the ego's speed. By UN
+# R79, 5.6.4.7 (lane change, ACSF C), a lane change must not force that vehicle to brake harder than
+# `asked_change.REAR_DECELERATION`, or earlier than `REAR_DELAY` after the ego's side has come to
+# the line between the lanes.
 REAR_HEADWAY = 1.0
 
 

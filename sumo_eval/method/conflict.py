@@ -1,12 +1,12 @@
 """Encounters with an actor that moves in two dimensions, and conflicts of two paths.
 
-An encounter decides the zone of a point (`method/point_criticality.py` compares its max ITTC with
-ITTC*): how critical is it if the ego brakes ideally on its path
+An encounter decides the zone of a point: how critical is it if the ego brakes ideally on its path
 (Eqs. 2 and 5-6, searched over time)? The ego begins to brake at the obstacle's first move plus the
 scenario's delay, and brakes to a standstill. The obstacle follows its script; an actor that reacts
 keeps its speed. The inverse TTC counts while the bodies overlap across the road and the obstacle is
 ahead of the ego. It is infinite where the bodies touch. In a scenario with `conflict = true` the
-inverse time until the bodies would touch counts instead.
+inverse time until the bodies would touch counts instead. `method/point_criticality.py` compares the
+largest inverse TTC with ITTC*.
 
 A conflict is a measure of a case: two paths cross or join, as where one road leads into another. It
 has an area, a time to this area, and a PET, all of them if neither vehicle reacts.

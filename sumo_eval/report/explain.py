@@ -1,8 +1,8 @@
 """The whole arithmetic of one case in words, each step with its equation's number, for
 `sumo-eval explain`.
 
-Fixed: numbers are those of the scores, and none is computed here; only zone, r and D_i are computed
-again from trajectories, as a check. Free to change: words.
+Fixed: numbers, which are those of the scores. Zone, r and D_i are computed again, as a check. Free
+to change: words.
 
 Users: `cli/look.py`, `cli/whatif.py`, `extras/figures/drawn.py`, `nightly/night.py`,
 `report/export_case.py`, `report/replay.py`.

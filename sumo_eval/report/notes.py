@@ -87,8 +87,8 @@ _INDEX_NOTES: dict[NoteKind, str] = {
     "driver_not_so_far": "At {count} of {of} slices some drivers had not got that far.",
     "drivers_hold_last_y": "At {count} of {of} slices fewer than two drivers had got that far; "
     "the rest hold their last y.",
-    "ads_off_road": "At {count} of {of} slices the ADS's centre is off the road; that side's "
-    "points collapse on it.",
+    "ads_off_road": "At {count} of {of} slices the ADS's centre is off the road; the points of "
+    "that side coincide with it.",
     "past_the_road": "{count} of {of} trajectories continue past the road's end and are read up "
     "to it.",
     "drivers_start_late": "{count} of {of} drivers start beyond the ADS's start and hold their "
@@ -148,7 +148,8 @@ _COUNTED = {
     "excused": "In {number} of {of} safe cases the ego stands where the references drive on. T "
     "leaves out the rest of the route, because a road user in front excuses it.",
     "cut_short": "{number} of {of} safe cases ended as decided (`simulation.end_when_decided`). T "
-    "counts the rest of their route as not driven: T and S+ are too low, D and H are of less road.",
+    "counts the rest of their route as not driven, so T and S+ are too low; D and H come from "
+    "shorter drives.",
     "gentler_than_ideal": "In {hits} the ADS hit more softly than the ideal vehicle; each has the "
     "ratio 1.",
     "references_collide": "The space is called safe at {of_points}, yet drivers or the reference "

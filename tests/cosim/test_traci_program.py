@@ -98,7 +98,7 @@ NO_SPEED = (
     [
         ("print('on stdout')\nsys.exit('no map')\n", "with status 1", "on stdout\nno map"),
         (TWICE, "with status 1", "a case takes one connection, got a second one"),
-        (STATE, "with status 1", "do not load (a state neither) or close it to begin again"),
+        (STATE, "with status 1", "do not call load, loadState or close to begin again"),
         (CLOSED, "closing its connection", "left"),
         (NO_SPEED, "with status 1", "setSpeed must be given finite numbers, got (nan,)"),
     ],

@@ -67,8 +67,8 @@ def straighten(table: DataFrame) -> tuple[DataFrame, tuple[str, ...]]:
             notes.append(f"{name}: {len(driven)} vehicles along one path, {lanes}.")
             if len(driven) == 2 and driven.max() > 1:
                 notes.append(
-                    f"{name}: two vehicles do not show which of them changes lane. A table of this "
-                    "project has lanes (format `csv`)."
+                    f"{name}: two vehicles do not show which of them changes lane. A table of the "
+                    "format `csv` can give their lanes."
                 )
         notes += [f"{recording}: {number} {why}." for why, number in lost.items() if number]
     if not parts:

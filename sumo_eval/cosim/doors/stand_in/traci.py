@@ -57,7 +57,7 @@ def _begin_again(*arguments: Any) -> Any:
     """Refuse a second simulation, started or loaded."""
     raise main.TraCIException(
         "sumo_eval: a case takes one connection, got a second one: start SUMO once, and do not "
-        "load (a state neither) or close it to begin again"
+        "call load, loadState or close to begin again"
     )
 
 
