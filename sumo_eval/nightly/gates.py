@@ -71,7 +71,8 @@ def _without_cases(new: Evaluation, settings: GateSettings) -> Iterator[GateResu
     for limit in settings.limit:
         if (limit.ads, limit.scenario) not in known:
             where = limit.ads or "every ADS", limit.scenario or EVERYWHERE
-            none = f"the run has no case of {' in '.join(where)}."
+            of, within = limit.ads or "any ADS", limit.scenario or "any scenario"
+            none = f"the run has no case of {of} in {within}."
             for name, names in ((limit.ads, ads), (limit.scenario, scenarios)):
                 if name is not None and name not in names:
                     none += did_you_mean(name, names)
